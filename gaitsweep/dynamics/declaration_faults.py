@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitsweep.column_meanings import COLUMNS, time_column
 from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.declarations import Symmetry, Variable
-from gaitsweep.dynamics.noise import Diffusion
+from gaitsweep.dynamics.declarations import Variable
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
@@ -98,11 +97,8 @@ def _refuse_sliding(model: type[Declared]) -> None:
 
 def _named_counts(model: type[Declared]) -> dict[str, str]:
     """The fields of the structure that declarations name as their count, by the declaration."""
-    counts: dict[str, str] = {}
-    for name, declared in model.declarations.items():
-        if not isinstance(declared, Symmetry | Diffusion | Sliding) and isinstance(declared.count, str):
-            counts[name] = declared.count
-    return counts
+    counts = {name: getattr(declared, "count", None) for name, declared in model.declarations.items()}
+    return {name: count for name, count in counts.items() if isinstance(count, str)}
 
 
 def _default_sizes(model: type[Declared]) -> dict[str, Any]:

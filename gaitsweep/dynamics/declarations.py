@@ -256,8 +256,8 @@ def parameter(
     default: Start | Sequence[Start] | None = None,
     *,
     count: int | str | None = None,
-    low: float = -float("inf"),
-    high: float = float("inf"),
+    low: float = -math.inf,
+    high: float = math.inf,
     open_ends: bool = False,
     circular: bool = False,
     symbol: str = "",
@@ -294,9 +294,8 @@ def parameter(
     several = plain if isinstance(plain, tuple) else None
     first = plain if several is None else next(iter(several), None)
     bounds = {"low": low, "high": high, "open_ends": open_ends}
-    quantity = _quantity(
-        unit, meaning, default=first, **bounds, circular=circular, symbol=symbol, source=source, whole=whole
-    )
+    words = {"symbol": symbol, "source": source}
+    quantity = _quantity(unit, meaning, default=first, circular=circular, whole=whole, **bounds, **words)
     return Parameter(count, quantity, several)
 
 
@@ -306,8 +305,8 @@ def variable(
     start: Start | Sequence[Start] | None = None,
     *,
     count: int | str | None = None,
-    low: float = -float("inf"),
-    high: float = float("inf"),
+    low: float = -math.inf,
+    high: float = math.inf,
     open_ends: bool = False,
     circular: bool = False,
     symbol: str = "",
@@ -351,9 +350,8 @@ def variable(
     """
     bounds = {"low": low, "high": high, "open_ends": open_ends}
     quantity = _quantity(unit, meaning, **bounds, circular=circular, symbol=symbol, scale=scale)
-    if observed is None:
-        observed = start is not None
-    return Variable(count, quantity, _plain(start), observed, signal, held)
+    is_observed = start is not None if observed is None else observed
+    return Variable(count, quantity, _plain(start), is_observed, signal, held)
 
 
 def time() -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -18,7 +18,7 @@ from gaitsweep.dynamics.declarations import Mode, Parameter, Reading, Symmetry, 
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.ground import Ground, asks_for_ground, check_ground, ground_quantities
-from gaitsweep.dynamics.noise import PATH, SEED, Diffusion, begun_path
+from gaitsweep.dynamics.noise import PATH, SEED, Diffusion, NoisePath
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.near_miss import suggestion
 from gaitsweep.skeleton import LimbLook
@@ -98,31 +98,26 @@ class DeclarationSet(dict[str, Any]):
 
     def parameters(self, model: Model) -> tuple[Quantity, ...]:
         """The parameters of a model; here and below only the fields of its structure are read."""
-        return _joined(
-            parameter.parameters(model, name) for name, parameter in self.of_kind(Parameter).items()
-        )
+        declared = self.of_kind(Parameter).items()
+        return tuple(q for name, parameter in declared for q in parameter.parameters(model, name))
 
     def starts(self, model: Model) -> tuple[Quantity, ...]:
         """The initial conditions of a model."""
-        declared = self.of_kind(Variable) | self.of_kind(Mode)
-        return _joined(declaration.starts(model, name) for name, declaration in declared.items())
+        declared = (self.of_kind(Variable) | self.of_kind(Mode)).items()
+        return tuple(q for name, declaration in declared for q in declaration.starts(model, name))
 
     def observables(self, model: Model) -> tuple[Quantity, ...]:
         """The observables of a model, with those of its feet."""
-        feet = () if self.feet is None else self.feet.observables
-        recorded = self.recorded("observed").items()
-        return (*_joined(declaration.recorded(model, name) for name, declaration in recorded), *feet)
+        return self._recorded_of(model, "observed") + (() if self.feet is None else self.feet.observables)
 
     def signals(self, model: Model) -> tuple[Quantity, ...]:
         """The signals of a model, with the contacts of its feet."""
-        feet = () if self.feet is None else self.feet.signals
-        recorded = self.recorded("signal").items()
-        return (*_joined(declaration.recorded(model, name) for name, declaration in recorded), *feet)
+        return self._recorded_of(model, "signal") + (() if self.feet is None else self.feet.signals)
 
-
-def _joined(quantities: Iterable[tuple[Quantity, ...]]) -> tuple[Quantity, ...]:
-    """The quantities of several declarations, one after the other."""
-    return tuple(quantity for several in quantities for quantity in several)
+    def _recorded_of(self, model: Model, kind: str) -> tuple[Quantity, ...]:
+        """The quantities that are recorded as "observed" or as "signal", without those of the feet."""
+        recorded = self.recorded(kind).items()
+        return tuple(q for name, declaration in recorded for q in declaration.recorded(model, name))
 
 
 Values = Mapping[str, jax.Array]
@@ -154,11 +149,10 @@ def _record(model: type, name: str, fields: list[str], members: Mapping[str, Any
 def _replaced(self: Any, **changes: Any) -> Any:
     """A copy with some fields replaced, in the types and shapes that they have."""
     fields = vars(self)
-    cast = {}
-    for name, value in changes.items():
+    for name in changes:
         if name not in fields:
             raise TypeError(f"{type(self).__qualname__} has no field {name}{suggestion(name, fields)}")
-        cast[name] = jax.tree.map(_like, fields[name], value)
+    cast = {name: jax.tree.map(_like, fields[name], value) for name, value in changes.items()}
     return dataclasses.replace(self, **cast)
 
 
@@ -280,11 +274,10 @@ class Declared(Model):
 
     def _gathered(self, values: Values) -> dict[str, Any]:
         """The declared fields of the parameters."""
-        fields = {}
-        for name, parameter in self.declarations.of_kind(Parameter).items():
-            fields[name] = parameter.gathered(
-                [jnp.asarray(values[q.name]) for q in parameter.quantities(self, name)]
-            )
+        fields: dict[str, Any] = {
+            name: parameter.gathered([jnp.asarray(values[q.name]) for q in parameter.quantities(self, name)])
+            for name, parameter in self.declarations.of_kind(Parameter).items()
+        }
         if (ground := self._ground()) is not None:
             fields["ground"] = Ground.of(ground, values)
         if self.declarations.diffusion is not None:
@@ -302,7 +295,7 @@ class Declared(Model):
         if feet is None:
             return read
         down = feet.down(self, params, state).astype(float)
-        return read | dict(zip([q.name for q in feet.signals], down, strict=True))
+        return read | {quantity.name: value for quantity, value in zip(feet.signals, down, strict=True)}
 
     def label(self, params: Any, observations: Values, /) -> dict[str, Any]:
         feet = self.declarations.feet
@@ -335,7 +328,7 @@ class Declared(Model):
         if (feet := self.declarations.feet) is not None:
             fields[STEPS] = feet.begun(fields[feet.clock], debounced=self.contacts_bounce)
         if self.declarations.diffusion is not None:
-            fields[PATH] = begun_path()
+            fields[PATH] = NoisePath(jnp.zeros((), jnp.int64), jnp.zeros(()))
         return fields
 
     def _stepped(self, params: Any, before: Any, after: Any, reset: Float[Array, ""] | None = None) -> Any:
@@ -350,10 +343,9 @@ class Declared(Model):
         return after.replace(steps=feet.after(self, params, before.steps, before, after, reset))
 
     def _read(self, kind: str, params: Any, state: Any) -> dict[str, jax.Array]:
-        values: dict[str, jax.Array] = {}
-        for name, reading in self.declarations.recorded(kind).items():
-            values |= reading.values(self, name, params, state)
-        return values
+        recorded = self.declarations.recorded(kind).items()
+        read = (reading.values(self, name, params, state) for name, reading in recorded)
+        return {name: value for values in read for name, value in values.items()}
 
     def _flags(self, fired: Bool[Array, " events"]) -> Iterator[tuple[SingleEvent, Bool[Array, " guards"]]]:
         """Each event with the flags of its guards."""

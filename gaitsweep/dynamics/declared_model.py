@@ -19,7 +19,7 @@ from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommende
 from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
-from gaitsweep.dynamics.noise import StochasticSteps
+from gaitsweep.dynamics.noise import StochasticSteps, along_rates
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.near_miss import suggestion
@@ -208,7 +208,7 @@ class DeclaredModel(Declared, HybridModel):
         for place, (event, flags) in zip(self._places(), self._flags(fired), strict=True):
             if not event.jumps:
                 continue
-            happens = event.happens(flags) & event.holds(params, state)
+            happens = flags[0] & event.holds(params, state)
             if place is None:
                 after = _where(happens, event.jumped(self, params, after), after)
                 displaced = displaced | happens
@@ -240,8 +240,7 @@ class DeclaredModel(Declared, HybridModel):
 
     def _moved(self, params: Any, state: Any, time: Float[Array, ""]) -> Any:
         """The state a short time (s) later, along its rates."""
-        rates = self.flow(params, state)
-        return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
+        return along_rates(state, self.flow(params, state), time)
 
     def _rearmed(
         self,
@@ -318,7 +317,7 @@ class DeclaredModel(Declared, HybridModel):
         ]
         comes_to_rest = jnp.any(jnp.stack(meets_again)) | jnp.any(arming.accumulated)
         for event in resting:
-            rests = event.happens(flags[event]) & event.holds(params, before) & comes_to_rest
+            rests = flags[event][0] & event.holds(params, before) & comes_to_rest
             after = _where(rests, self._begun(params, event.rested(self, params, after)), after)
         return after
 
@@ -333,9 +332,7 @@ class DeclaredModel(Declared, HybridModel):
         self, params: Any, before: Any, fired: Bool[Array, " events"]
     ) -> dict[SingleEvent, Bool[Array, ""]]:
         """Whether each event happens by the flags of its guards, at the state before its jump."""
-        return {
-            event: event.happens(flags) & event.holds(params, before) for event, flags in self._flags(fired)
-        }
+        return {event: flags[0] & event.holds(params, before) for event, flags in self._flags(fired)}
 
     def _is_beyond(self, event: SingleEvent, params: Any, state: Any) -> Bool[Array, ""]:
         passed = ~_at(state.arming, self._armed().index(event)).armed
@@ -346,11 +343,9 @@ class DeclaredModel(Declared, HybridModel):
         return passed & (surface.height > surface.rounding)
 
     def energies(self, params: Any, state: Any, /) -> dict[str, Float[Array, ""]]:
-        readings = self.declarations.of_kind(Reading)
+        readings = self.declarations.of_kind(Reading).items()
         return {
-            name: reading.function(self, params, state)
-            for name, reading in readings.items()
-            if reading.is_energy
+            name: reading.function(self, params, state) for name, reading in readings if reading.is_energy
         }
 
     def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:

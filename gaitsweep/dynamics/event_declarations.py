@@ -47,8 +47,7 @@ class Event:
 
     def singles(self, model: Model) -> tuple[SingleEvent, ...]:
         """The events that it declares for a model, one for each component and direction."""
-        single = self.counted.count is None
-        places = [None] if single else list(range(self.counted.size(model)))
+        places = [None] if self.count is None else list(range(self.counted.size(model)))
         return tuple(SingleEvent(self, place, sign) for place in places for sign in self.signs)
 
     def jump(self, function: Callable[..., Any], /) -> Event:
@@ -88,14 +87,11 @@ class SingleEvent:
     @property
     def name(self) -> str:
         """The declared name; with `count`, the component's number, from 1, stands for {} or at its end."""
-        name = self.declared.name
-        if self.place is None:
-            return name
-        return numbered(name, self.place + 1)
+        return self.declared.name if self.place is None else numbered(self.declared.name, self.place + 1)
 
     @property
     def guard_names(self) -> tuple[str, ...]:
-        """The names of its guards: its crossing, and its return below the surface."""
+        """The names of its guards: its crossing, at which it happens, and its return below the surface."""
         return (self.name, self.name) if self.declared.rising else (self.name,)
 
     @property
@@ -138,10 +134,6 @@ class SingleEvent:
     def _changed(self, change: Callable[..., Any] | None, model: Model, params: Any, state: Any) -> Any:
         assert change is not None
         return change(model, params, state, *(() if self.place is None else (self.place,)))
-
-    def happens(self, fired: Bool[Array, " guards"]) -> Bool[Array, ""]:
-        """Whether it happens, by its guards' flags."""
-        return fired[0]
 
 
 def event(
@@ -197,8 +189,7 @@ def event(
             f"The event {name!r} has rising=False, so it has no crossing for when= or direction=: write the "
             "condition into its function, or leave out rising=False."
         )
-    signs = _SIGNS[direction]
-    return lambda function: Event(function, name, section, during, rising, count, when, signs)
+    return lambda function: Event(function, name, section, during, rising, count, when, _SIGNS[direction])
 
 
 def instants(
@@ -447,20 +438,14 @@ class Surfaces:
         self._model = model
         self._params = params
         self._state = state
-        names = (
-            name for name, declaration in model.declarations.items() if isinstance(declaration, Variable)
-        )
-        self._point = {name: getattr(state, name) for name in names}
+        self._point = {name: getattr(state, name) for name in model.declarations.of_kind(Variable)}
         self._seen: dict[SingleEvent, EventSurface] = {}
 
     def of(self, event: SingleEvent) -> EventSurface:
         """The surface of an event."""
         if event not in self._seen:
-            model = self._model
-            params = self._params
-            state = self._state
             self._seen[event] = EventSurface.seen_from(
-                self._point, lambda x: event.height(model, params, state.replace(**x))
+                self._point, lambda x: event.height(self._model, self._params, self._state.replace(**x))
             )
         return self._seen[event]
 
@@ -473,12 +458,9 @@ class Surfaces:
 
         The height as a parabola, by its rate and acceleration along the flow.
         """
-        model = self._model
-        params = self._params
-        state = self._state
 
         def rate(point: Any) -> Float[Array, ""]:
-            return Surfaces(model, params, state.replace(**point)).rate(event)
+            return Surfaces(self._model, self._params, self._state.replace(**point)).rate(event)
 
         speed, acceleration = jax.jvp(rate, (self._point,), (self._along,))
         height = self.of(event).height

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from gaitsweep.skeleton import LimbLook
 
 # The legs that have names of gaits: left and right, fore and hind, or from the first pair to the last.
 LEGS = {2: ("L", "R"), 4: ("LF", "RF", "LH", "RH"), 6: ("L1", "R1", "L2", "R2", "L3", "R3")}
+KNOWN_LEGS = "; ".join(", ".join(names) for names in LEGS.values())
 GAITS = {
     2: ("walk", "run", "hop", "none"),
     4: (
@@ -36,7 +37,7 @@ GAITS = {
 # within a tenth. Lags of six legs, whose gaits are a sixth apart, are within a twelfth.
 TOGETHER = 1.0 / 16.0
 ALTERNATE = 0.1
-_SIXTH = 1.0 / 12.0
+_OF_SIX_LEGS = 1.0 / 12.0
 
 # Strides, or periods of the model if these are longer, after a touchdown within which a foot that steps lands
 # again.
@@ -73,6 +74,9 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         duty: the duty factor of each leg.
         legs: the legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in any order.
 
+    Returns:
+        One of `GAITS`; "none" also where a touchdown or duty factor is NaN, as that of a foot that stands.
+
     Raises:
         ValueError: other legs, or another number of touchdowns or duty factors.
 
@@ -83,6 +87,8 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
     """
     refuse_legs(legs)
     _refuse_lengths(touchdowns, duty, legs)
+    if not np.isfinite([*touchdowns, *duty]).all():
+        return "none"
     index = gait_index(dict(zip(legs, touchdowns, strict=True)), float(np.mean(duty)))
     return GAITS[len(legs)][int(index)]
 
@@ -96,7 +102,7 @@ def support_patterns(
         touchdowns, duty, legs: as of `gait_of_footfalls`; legs may have any names.
 
     Raises:
-        ValueError: there is no leg, or another number of touchdowns or duty factors.
+        ValueError: there is no leg, another number of touchdowns or duty factors, or one that is not finite.
 
     Example:
         >>> import gaitsweep as gs
@@ -104,6 +110,9 @@ def support_patterns(
         {'LF RH': 0.5, 'RF LH': 0.5}
     """
     _refuse_lengths(touchdowns, duty, legs)
+    if not np.isfinite([*touchdowns, *duty]).all():
+        numbers = ", ".join(f"{number:g}" for number in (*touchdowns, *duty))
+        raise ValueError(f"The touchdowns and duty factors are {numbers}, but must be finite numbers.")
     begin = np.asarray(touchdowns, float)
     length = np.asarray(duty, float)
     edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
@@ -128,9 +137,14 @@ def refuse_legs(legs: Sequence[str]) -> None:
     Raises:
         ValueError: with those that have them.
     """
-    if sorted(legs) not in [sorted(named) for named in LEGS.values()]:
-        allowed = "; ".join(", ".join(named) for named in LEGS.values())
-        raise ValueError(f"legs is {', '.join(map(str, legs))}: allowed are, in any order, {allowed}.")
+    if not have_names(legs):
+        names = ", ".join(map(str, legs))
+        raise ValueError(f"legs is {names}: allowed are, in any order, {KNOWN_LEGS}.")
+
+
+def have_names(legs: Sequence[str]) -> bool:
+    """Whether footfalls of legs with these names have names of gaits."""
+    return sorted(legs) in [sorted(known) for known in LEGS.values()]
 
 
 def _between(one: Any, other: Any) -> Any:
@@ -189,7 +203,9 @@ def _of_six(at: Legs, duty: Any) -> dict[str, Any]:
         """Whether legs follow those behind them, and right legs follow left ones, by these lags."""
         pairs = [(f"{s}{k}", f"{s}{k + 1}", ipsilateral) for s in "LR" for k in (1, 2)]
         pairs += [(f"R{k}", f"L{k}", contralateral) for k in (1, 2, 3)]
-        return jnp.all(jnp.stack([_near(at[one] - at[other], lag, _SIXTH) for one, other, lag in pairs]))
+        return jnp.all(
+            jnp.stack([_near(at[one] - at[other], lag, _OF_SIX_LEGS) for one, other, lag in pairs])
+        )
 
     return {
         "tripod": lags(1.0 / 2.0, 1.0 / 2.0),
@@ -283,7 +299,6 @@ class Footfalls:
     clock: str
     legs: tuple[str, ...]
     shortest_contact: float = SHORTEST_CONTACT
-    count: ClassVar[None] = None  # legs are counted by their names
 
     @property
     def gaits(self) -> tuple[str, ...]:
@@ -306,22 +321,16 @@ class Footfalls:
         """Quantities that are read at crossings."""
         legs = list(enumerate(self.legs, 1))
         first = self.legs[0]
-        strides = [("stride", i, "s", f"time between touchdowns of {leg}") for i, leg in legs]
-        lags = [("lag", i, "rad", f"touchdown of {leg} after that of {first}") for i, leg in legs[1:]]
-        duty = [("duty", i, "1", f"duty factor of {leg}") for i, leg in legs]
-        support = [
-            ("support", k, "1", f"share of the stride with {k} feet down") for k in range(len(legs) + 1)
+        numbers = [
+            *((f"stride_{i}", "s", f"time between touchdowns of {leg}") for i, leg in legs),
+            *((f"lag_{i}", "rad", f"touchdown of {leg} after that of {first}") for i, leg in legs[1:]),
+            *((f"duty_{i}", "1", f"duty factor of {leg}") for i, leg in legs),
+            *((f"support_{k}", "1", f"share of the stride with {k} feet down") for k in range(len(legs) + 1)),
         ]
+        options: dict[str, dict[str, Any]] = {"s": {}, "rad": {"circular": True}, "1": {"scale": 1.0}}
         return tuple(
-            Quantity(
-                f"{name}_{i}",
-                unit,
-                f"{meaning}; NaN without steps",
-                circular=unit == "rad",
-                scale=1.0 if unit == "1" else None,
-                may_be_nan=True,
-            )
-            for name, i, unit, meaning in (*strides, *lags, *duty, *support)
+            Quantity(name, unit, f"{meaning}; NaN without steps", may_be_nan=True, **options[unit])
+            for name, unit, meaning in numbers
         )
 
     @property

@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -108,10 +108,9 @@ def stamps_of_mjcf(path: Path) -> Stamps:
         return stamps
     # a file has changed, and may refer to others than before
     references = _references(path)
-    if references is None:
-        return _stamps([path])
-    stamps = _stamps(references)
-    _FILES_OF_MJCF[path] = references, stamps
+    stamps = _stamps(references or [path])
+    if references is not None:
+        _FILES_OF_MJCF[path] = references, stamps
     return stamps
 
 
@@ -154,6 +153,72 @@ def identifier(name: str) -> str:
     return f"_{word}" if word[:1].isdigit() else word
 
 
+def element_name(m: Any, kind: str, number: int) -> str:
+    """The name of an element in messages, or its kind and number where it has none."""
+    return getattr(m, kind)(number).name or f"{kind} {number}"
+
+
+def named(m: Any, kind: str, number: int) -> str:
+    """The kind of an element and its name, at the beginning of a sentence."""
+    return f"{kind.capitalize()} '{element_name(m, kind, number)}'"
+
+
+def elements_with(m: Any, field: str, absent: float = 0.0) -> list[int]:
+    """The elements whose numbers in a field of the compiled MJCF differ from those of an absent feature.
+
+    Some versions of MuJoCo do not have all fields; then there are none.
+    """
+    values = np.asarray(getattr(m, field, ()), float)
+    if not values.size:
+        return []
+    return np.flatnonzero((values.reshape(len(values), -1) != absent).any(axis=1)).tolist()
+
+
+def joint_name(m: Any, joint: int) -> str:
+    """The name of a joint in quantities, from its number."""
+    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
+
+
+def hinges_and_slides(m: Any) -> list[int]:
+    """The numbers of the hinges and slides."""
+    import mujoco
+
+    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return np.flatnonzero(np.isin(m.jnt_type, kinds)).tolist()
+
+
+def joint_number(m: Any, joint: str) -> int:
+    """The number of a hinge or slide, by its name in the MJCF or in quantities.
+
+    Raises:
+        ValueError: there is none; the message has the near miss.
+    """
+    names = {joint_name(m, j): j for j in hinges_and_slides(m)}
+    if (plain := identifier(joint)) not in names:
+        raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
+    return names[plain]
+
+
+def is_position_servo(m: Any, k: int) -> bool:
+    """Whether actuator `k` is a position servo, whose control is a target."""
+    return _is_servo(m, k, 1)
+
+
+def is_velocity_servo(m: Any, k: int) -> bool:
+    """Whether actuator `k` is a velocity servo."""
+    return _is_servo(m, k, 2)
+
+
+def _is_servo(m: Any, k: int, term: int) -> bool:
+    """Whether the gain of an actuator is minus its bias of the position (term 1) or velocity (term 2)."""
+    import mujoco
+
+    gain = m.actuator_gainprm[k, 0]
+    bias = m.actuator_biasprm[k]
+    is_affine = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE
+    return bool(is_affine and gain and not bias[:term].any() and bias[term] == -gain)
+
+
 _ANGLES = ("roll", "pitch", "yaw")
 _AT_START = " at the start"  # the end of the meaning of a start
 _UPRIGHT = 1.0 - 1e-9  # vertical component of a unit axis from which a slide is a height
@@ -178,9 +243,19 @@ class OfMjcf(Model):
     def control(self, params: Any, state: Any, /) -> Float[Any, " nu"]:
         """The controls (nu,) of the MJCF's actuators, in their order."""
 
-    @abc.abstractmethod
     def positions(self, state: Any) -> Float[Any, " nq"]:
         """MuJoCo's qpos (nq,) of a state."""
+        return state.body.q
+
+    def position(self, state: Any, joint: str) -> Float[Any, ""]:
+        """The position of a hinge (rad) or slide (m), by the joint's name."""
+        m = compiled_mjcf(type(self))
+        return state.body.q[int(m.jnt_qposadr[joint_number(m, joint)])]
+
+    def rate(self, state: Any, joint: str) -> Float[Any, ""]:
+        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
+        m = compiled_mjcf(type(self))
+        return state.body.v[int(m.jnt_dofadr[joint_number(m, joint)])]
 
     @property
     def keyframe_ctrl(self) -> Float[Any, " nu"]:
@@ -211,13 +286,11 @@ class OfMjcf(Model):
         Args:
             start: the initial conditions by name.
         """
-        qpos, qvel = (list(numbers) for numbers in start_places(type(self)))
+        qpos, qvel = (list(numbers) for numbers in _start_places(type(self)))
         for joint_start in _joint_starts(type(self)):
-            number = start[joint_start.quantity.name]
-            if joint_start.field == "qpos":
-                qpos[joint_start.place] = number
-            elif joint_start.field == "qvel":
-                qvel[joint_start.place] = number
+            if joint_start.field != "angle":
+                numbers = qpos if joint_start.field == "qpos" else qvel
+                numbers[joint_start.place] = start[joint_start.quantity.name]
         for place, joint in _oriented(compiled_mjcf(type(self))):
             angles = [start[f"{joint}_{angle}_0"] for angle in _ANGLES]
             qpos[place : place + 4] = quaternion_of_angles(*angles)
@@ -295,7 +368,7 @@ def compiled_mjcf(kind: type[OfMjcf]) -> Any:
     return compiled_content(*content_key(kind))
 
 
-def start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
+def _start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
     """The qpos and qvel of the keyframe of a start, or of the joints where there is no keyframe."""
     m = compiled_mjcf(kind)
     number = keyframe_number(m, kind.keyframe)
@@ -304,8 +377,7 @@ def start_places(kind: type[OfMjcf]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(m.key_qpos[number]), np.array(m.key_qvel[number])
 
 
-@dataclasses.dataclass(frozen=True)
-class _StartOfJoint:
+class _StartOfJoint(NamedTuple):
     """A start of a joint: a number of qpos or of qvel, or an angle of the quaternion that begins there.
 
     `field` is the array that has the number, or "angle"; `place` is the place there, of an angle in qpos.
@@ -328,11 +400,11 @@ def height_start(kind: type[OfMjcf]) -> str | None:
     first = int(m.jnt_bodyid[0])  # whose joints move the others too
     for j in range(int(m.body_jntnum[first])):
         if m.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE:
-            return f"{_joint_name(m, j)}_z_0"
+            return f"{joint_name(m, j)}_z_0"
         if m.jnt_type[j] != mujoco.mjtJoint.mjJNT_SLIDE:
             return None
         if data.xaxis[j][2] > _UPRIGHT:
-            return f"{_joint_name(m, j)}_0"
+            return f"{joint_name(m, j)}_0"
     return None
 
 
@@ -366,17 +438,11 @@ def _oriented(m: Any) -> list[tuple[int, str]]:
 
     # a free joint's position comes before its quaternion
     place_of_quaternion = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
-    oriented: list[tuple[int, str]] = []
-    for j in range(m.njnt):
-        kind = int(m.jnt_type[j])
-        if kind in place_of_quaternion:
-            oriented.append((int(m.jnt_qposadr[j]) + place_of_quaternion[kind], _joint_name(m, j)))
-    return oriented
-
-
-def _joint_name(m: Any, joint: int) -> str:
-    """The name of a joint in quantities, from its number."""
-    return identifier(m.jnt(joint).name or f"joint_{joint + 1}")
+    return [
+        (int(m.jnt_qposadr[j]) + place_of_quaternion[kind], joint_name(m, j))
+        for j, kind in enumerate(m.jnt_type.tolist())
+        if kind in place_of_quaternion
+    ]
 
 
 def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
@@ -384,11 +450,11 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
     import mujoco
 
     m = compiled_mjcf(kind)
-    qpos, qvel = start_places(kind)
+    qpos, qvel = _start_places(kind)
     oriented = {name: place for place, name in _oriented(m)}
     starts: list[_StartOfJoint] = []
     for j in range(m.njnt):
-        name = _joint_name(m, j)
+        name = joint_name(m, j)
         joint_type = int(m.jnt_type[j])
         q = int(m.jnt_qposadr[j])
         v = int(m.jnt_dofadr[j])
@@ -399,10 +465,9 @@ def _joint_starts(kind: type[OfMjcf]) -> list[_StartOfJoint]:
             starts += _starts_of_orientation(name, oriented[name], v, qpos, qvel)
         else:
             unit = "rad" if joint_type == mujoco.mjtJoint.mjJNT_HINGE else "m"
-            position = f"position of joint {name}{_AT_START}"
-            velocity = f"velocity of joint {name}{_AT_START}"
-            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, position))
-            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", velocity))
+            joint = f"joint {name}{_AT_START}"
+            starts.append(_start("qpos", q, qpos, f"{name}_0", unit, f"position of {joint}"))
+            starts.append(_start("qvel", v, qvel, f"{name}_rate_0", f"{unit}/s", f"velocity of {joint}"))
     return starts
 
 

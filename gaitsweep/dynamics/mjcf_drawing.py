@@ -24,10 +24,7 @@ _CORNERS = _AROUND[np.abs(_AROUND).sum(axis=1) == 3]
 
 
 def skeleton(
-    model: Any,
-    signals: Mapping[str, Float[np.ndarray, " times"]],
-    feet: int,
-    looks: Sequence[LimbLook] = (),
+    model: Any, signals: Mapping[str, Float[np.ndarray, " times"]], feet: int, looks: Sequence[LimbLook] = ()
 ) -> Skeleton:
     """The geoms of a body, and its limbs if it has a site for each foot.
 

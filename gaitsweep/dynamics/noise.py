@@ -147,7 +147,7 @@ class StochasticSteps(FixedStepDynamics):
         rates = self.model.flow(params, state)
 
         def heights(time: Float[Array, ""]) -> Float[Array, " guards"]:
-            return self.model.guards(params, _along(state, rates, time))
+            return self.model.guards(params, along_rates(state, rates, time))
 
         zero = jnp.zeros_like(state.noise_path.dt)
         height, slope = jax.jvp(heights, (zero,), (jnp.ones_like(zero),))
@@ -155,18 +155,13 @@ class StochasticSteps(FixedStepDynamics):
         late = jnp.where(rises, height / jnp.where(rises, slope, 1.0), 0.0)
         # noise may have moved a state further than the drift does in a step
         late = jnp.minimum(jnp.max(late, initial=0.0), state.noise_path.dt)
-        after = self.model.jump(params, _along(state, rates, -late), fired)
-        return _along(after, self.model.flow(params, after), late)
+        after = self.model.jump(params, along_rates(state, rates, -late), fired)
+        return along_rates(after, self.model.flow(params, after), late)
 
     def longest_step(self, params: Any, /) -> None:
         return None
 
 
-def _along(state: Any, rates: Rates, time: Float[Array, ""]) -> Any:
+def along_rates(state: Any, rates: Rates, time: Float[Array, ""]) -> Any:
     """The state a time (s) later at these rates."""
     return state.replace(**{name: getattr(state, name) + time * rate for name, rate in rates.items()})
-
-
-def begun_path() -> NoisePath:
-    """The path at t = 0."""
-    return NoisePath(jnp.zeros((), jnp.int64), jnp.zeros(()))

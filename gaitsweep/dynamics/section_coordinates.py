@@ -78,12 +78,8 @@ class SectionCoordinates(Chart):
 
     def _energies(self) -> list[tuple[str, Reading]]:
         """The conserved energies of the model, by name."""
-        declared = self.model.declarations.items()
-        return [
-            (name, reading)
-            for name, reading in declared
-            if isinstance(reading, Reading) and reading.is_conserved
-        ]
+        readings = self.model.declarations.of_kind(Reading).items()
+        return [(name, reading) for name, reading in readings if reading.is_conserved]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -62,14 +62,20 @@ def fastest_rates(
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
     """The fastest rate (1/s) of the flow at the starts of rows, and their nominal periods (s), (rows,) each.
 
-    A rate is NaN where a derivative of the flow is infinite or NaN.
+    A rate is NaN where a derivative of the flow is infinite or NaN. Equal rows are computed once.
 
     Args:
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
+    table = np.stack([*values.values(), *starts.values()], axis=1)
+    _, firsts, place_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    values, starts = (
+        {name: np.asarray(column)[firsts] for name, column in group.items()} for group in (values, starts)
+    )
     eigenvalues, periods = _eigenvalues_of_rows(model, values, starts)
-    return np.max(np.abs(eigenvalues), axis=(1, 2), initial=0.0), periods
+    fastest = np.max(np.abs(eigenvalues), axis=(1, 2), initial=0.0)
+    return fastest[place_of.ravel()], periods[place_of.ravel()]
 
 
 def _combinations(model: HybridModel) -> Bool[np.ndarray, "modes flags"]:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,7 +21,6 @@ from gaitsweep.dynamics.declaration_faults import faults_of_quantity
 from gaitsweep.dynamics.declarations import Mode, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING
-from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.dynamics.map_model import MapModel
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
@@ -33,6 +31,8 @@ from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 from gaitsweep.own_modules import line_of
 
+# The shape of a parameter's value.
+_SCALAR = jax.ShapeDtypeStruct((), np.float64)
 _NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 
 
@@ -40,12 +40,11 @@ def quantity_faults(model: Model) -> Iterator[str]:
     """Faults of names, units, symbols, bounds, defaults and scales, as ends of sentences."""
     starts = {quantity.name for quantity in model.initial_conditions}
     settable = [*model.parameters, *model.initial_conditions]
-    recorded = {
-        "observables": model.observables,
-        "signals": model.signals,
-        "label_fields": model.label_fields,
+    groups = {
+        "parameters or initial_conditions": settable,
+        **{name: getattr(model, name) for name in ("observables", "signals", "label_fields")},
     }
-    for where, quantities in {"parameters or initial_conditions": settable, **recorded}.items():
+    for where, quantities in groups.items():
         names = [quantity.name for quantity in quantities]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
@@ -59,19 +58,16 @@ def quantity_faults(model: Model) -> Iterator[str]:
         yield "whose observables all have an infinite scale, so that each row would settle at once."
     hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
     for name in sorted(hidden):
-        hides = "has the name of a parameter or start and would hide it in a trace"
-        yield f"whose signal {name} {hides}: rename it."
+        reason = "has the name of a parameter or start and would hide it in a trace"
+        yield f"whose signal {name} {reason}: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
-    named = {
-        "a gait": model.gaits,
-        "an event": model.guard_names if isinstance(model, HybridModel) else (),
-        "a limb": [limb.name for limb in model.limbs],
-    }
-    for what, names in named.items():
+    events = model.guard_names if isinstance(model, HybridModel) else ()
+    names_by_owner = {"a gait": model.gaits, "an event": events, "a limb": [x.name for x in model.limbs]}
+    for owner, names in names_by_owner.items():
         for name in names:
             if isinstance(name, str) and not can_be_set(name):
-                yield f"which has {what} named {name!r}, {_NOT_TEX}"
+                yield f"which has {owner} named {name!r}, {_NOT_TEX}"
 
 
 def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
@@ -81,12 +77,6 @@ def _faults_of_quantity(quantity: Quantity, *, is_start: bool) -> Iterator[str]:
         if getattr(quantity, field) and not can_be_set(text):
             yield f"whose {quantity.name} has the {field} {getattr(quantity, field)!r}, {_NOT_TEX}"
     yield from faults_of_quantity(quantity, is_start)
-
-
-@functools.cache
-def _scalar() -> jax.ShapeDtypeStruct:
-    """The shape of a parameter's value."""
-    return jax.ShapeDtypeStruct((), float)
 
 
 class _Fault(Exception):
@@ -145,20 +135,19 @@ def traced_fault(model: Model) -> str | None:
 
 def _trace_functions(model: Model) -> None:
     """Trace all functions of a model with shapes only; raises `_Fault` at the first violation."""
-    params = _traced_result(
-        "params", model.params, {quantity.name: _scalar() for quantity in model.parameters}
-    )
-    start = {quantity.name: _scalar() for quantity in model.initial_conditions}
-    if isinstance(model, Declared) and isinstance(model, HybridModel):
-        _require_event_functions(
-            model, params, _bare_state(model)
-        )  # before `init`, which takes their derivatives
-        _traced_result("period", model.period, params)  # which `init` reads, too
+    params = _traced_result("params", model.params, {quantity.name: _SCALAR for quantity in model.parameters})
+    start = {quantity.name: _SCALAR for quantity in model.initial_conditions}
+    declared = model if isinstance(model, Declared) and isinstance(model, HybridModel) else None
+    if (
+        declared is not None
+    ):  # before `init`, which takes derivatives of these functions, and reads the period
+        _require_event_functions(declared, params, _bare_state(declared))
+        _traced_result("period", model.period, params)
     try:
         state = _traced_result("init", model.init, params, start)
     except _Fault:
-        if isinstance(model, Declared) and isinstance(model, HybridModel):
-            _refuse_functions_of_init(model, params, _bare_state(model))
+        if declared is not None:
+            _refuse_functions_of_init(declared, params, _bare_state(declared))
         raise
     if not dataclasses.is_dataclass(state):
         raise _returns("init", type(state).__name__, "a frozen dataclass")
@@ -174,10 +163,10 @@ def _trace_functions(model: Model) -> None:
     _require_like("jump", state, _traced_result("jump", model.jump, params, state, events))
     if isinstance(model, HybridModel):
         _refuse_forgotten_rates(model, params, state, events, rates)
-    _require_scalar("section", _traced_result("section", model.section, params, state, events))
-    _require_scalar("failed", _traced_result("failed", model.failed, params, state))
+    _require_shape("section", _traced_result("section", model.section, params, state, events), ())
+    _require_shape("failed", _traced_result("failed", model.failed, params, state), ())
     period = _traced_result("period", model.period, params)
-    _require_scalar("period", period)
+    _require_shape("period", period, ())
     if _kind_of_numbers(period) != "real numbers":  # a time limit of its type would be rounded
         raise _returns("period", _kind_of_numbers(period), "a real number of seconds: 3.0, not 3")
     observed = _traced_result("observe", model.observe, params, state)
@@ -255,17 +244,16 @@ def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
 
 def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
+    name = "guards" if isinstance(model, HybridModel) else "events"
     if isinstance(model, HybridModel):
-        name = "guards"
-        result = _traced_result("guards", model.guards, params, state)
+        result = _traced_result(name, model.guards, params, state)
     else:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
             _require_image(state, _traced_result("image", model.image, params, state))
-        after = _traced_result("step", model.step, params, state, _scalar())
+        after = _traced_result("step", model.step, params, state, _SCALAR)
         _require_like("step", state, after)
-        name = "events"
-        result = _traced_result("events", model.events, params, state, after)
+        result = _traced_result(name, model.events, params, state, after)
     if getattr(result, "ndim", None) != 1:
         shape = getattr(result, "shape", type(result).__name__)
         raise _returns(name, shape, "one number for each event, (n,): use jnp.stack")
@@ -275,8 +263,7 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         names = model.guard_names
         if not isinstance(names, tuple) or not all(isinstance(guard_name, str) for guard_name in names):
             raise _returns("guard_names", repr(names), "a tuple of texts")
-        if names and len(names) != result.shape[0]:
-            count = result.shape[0]
+        if names and len(names) != (count := result.shape[0]):
             raise _Fault(f"guard_names returns {len(names)} names, but guards returns {count} numbers.")
     return jax.ShapeDtypeStruct(result.shape, bool)
 
@@ -290,9 +277,9 @@ def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
             return jax.make_jaxpr(function, return_shape=True)(*args)[1]
     except Exception as error:  # a user's function may raise anything
         reason = (str(error).splitlines() or [""])[0]
-        advice = ""
-        if isinstance(error, jax.errors.ConcretizationTypeError | jax.errors.TracerArrayConversionError):
-            advice = " Use jnp.where instead of if, and jnp instead of math and numpy."
+        needs_values = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
+        remedy = " Use jnp.where instead of if, and jnp instead of math and numpy."
+        advice = remedy if isinstance(error, needs_values) else ""
         kind = f"{type(error).__name__}{line_of(error)}"
         raise _Fault(f"{name} raises {kind}: {reason.rstrip('.')}.{advice}") from error
 
@@ -334,13 +321,11 @@ def _refuse_forgotten_rates(
     model: Model, params: Any, state: Any, events: Any, rates: Mapping[str, Any]
 ) -> None:
     """Refuse a declared variable without a rate that no jump changes, and a held one with a rate."""
-    declared = model.declarations.items() if isinstance(model, Declared) else ()
-    for name, declaration in declared:
-        if isinstance(declaration, Variable) and declaration.held and name in rates:
+    variables = model.declarations.of_kind(Variable) if isinstance(model, Declared) else {}
+    for name, variable in variables.items():
+        if variable.held and name in rates:
             raise _Fault(f"flow returns a rate of {name}, which has held=True: leave out one of the two.")
-    without_rate = [
-        name for name, declaration in declared if isinstance(declaration, Variable) and name not in rates
-    ]
+    without_rate = [name for name in variables if name not in rates]
     if not without_rate:
         return
     # a scalar program has one node for equal values
@@ -366,13 +351,10 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
     original = model.original
     if not isinstance(original, Declared) or not isinstance(original, HybridModel) or model.host_parameters:
         return ()
-    declarations = original.declarations.items()
-    clocks = {declared.clock for _, declared in declarations if isinstance(declared, Footfalls)}
-    unheld = [
-        name
-        for name, declared in declarations
-        if isinstance(declared, Variable) and not declared.held and name not in clocks
-    ]
+    feet = original.declarations.feet
+    clock = None if feet is None else feet.clock
+    variables = original.declarations.of_kind(Variable).items()
+    unheld = [name for name, variable in variables if not variable.held and name != clock]
     if not unheld:
         return ()
 
@@ -382,7 +364,7 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
 
     def compute() -> list[str]:
         quantities = original.parameters, original.initial_conditions
-        shapes = [{quantity.name: _scalar() for quantity in group} for group in quantities]
+        shapes = [{quantity.name: _SCALAR for quantity in group} for group in quantities]
         known = jax.eval_shape(rates, *shapes)
         return [name for name in unheld if name not in known]
 
@@ -391,10 +373,10 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
 
 def remark_on_rates(names: Sequence[str]) -> str:
     """A sentence about the variables that `variables_without_rate` returns."""
-    one = len(names) == 1
+    them, rates = ("it", "its rate") if len(names) == 1 else ("them", "their rates")
     return (
-        f"flow returns no rate of {', '.join(names)}, so that only events change {'it' if one else 'them'}: "
-        f"return {'its rate' if one else 'their rates'}, or declare {'it' if one else 'them'} with held=True."
+        f"flow returns no rate of {', '.join(names)}, so that only events change {them}: return {rates}, or "
+        f"declare {them} with held=True."
     )
 
 
@@ -425,11 +407,6 @@ def _require_like(name: str, before: Any, after: Any) -> None:
                 raise _Fault(f"{name} returns {returned}, but init returns it with {what} {was}.")
 
 
-def _require_scalar(name: str, value: Any) -> None:
-    """Refuse a result that is not one number."""
-    _require_shape(name, value, ())
-
-
 def _require_shape(name: str, value: Any, shape: tuple[int, ...]) -> None:
     """Refuse a result of another shape."""
     if getattr(value, "shape", None) != shape:
@@ -444,4 +421,4 @@ def _require_names(name: str, returned: Any, kind: str, required: Iterable[str])
         if wanted_name not in names:
             outputs = ", ".join(map(str, names)) or "no names"
             raise _Fault(f"{name} does not return {wanted_name}, one of its {kind}; it returns {outputs}.")
-        _require_scalar(f"{name}, {wanted_name},", returned[wanted_name])
+        _require_shape(f"{name}, {wanted_name},", returned[wanted_name], ())

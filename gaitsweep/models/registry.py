@@ -52,9 +52,8 @@ def import_user_module(name: str, module_name: str, folders: list[Path]) -> obje
         reason = _reason_not_found(module_name, error.name, folders) or _reason_raised(error)
         raise ModelError(f"is {name}, but {module_name} cannot be imported: {reason}") from error
     except (Exception, SystemExit) as error:  # a user's module may raise any exception, which is reported
-        raise ModelError(
-            f"is {name}, but {module_name} cannot be imported: {_reason_raised(error)}"
-        ) from error
+        reason = _reason_raised(error)
+        raise ModelError(f"is {name}, but {module_name} cannot be imported: {reason}") from error
     _refuse_namesake(name, module_name, folders)
     return module
 
@@ -88,7 +87,8 @@ def _reloaded_if_edited(module: ModuleType) -> ModuleType:
         return module
     now = _stamps(module)
     edited = any(_STAMPS.get(sys.modules[name], stamp) != stamp for name, stamp in now.items())
-    if edited or any(_is_changed(file, stamp) for file, stamp in _DATA_FILES.get(module, {}).items()):
+    data = _DATA_FILES.get(module, {}).items()
+    if edited or any(not file.is_file() or stamp_of(file) != stamp for file, stamp in data):
         with data_files() as read:
             for name in now:
                 importlib.reload(sys.modules[name])
@@ -97,11 +97,6 @@ def _reloaded_if_edited(module: ModuleType) -> ModuleType:
     for name, stamp in now.items():
         _STAMPS[sys.modules[name]] = stamp
     return sys.modules[module.__name__]
-
-
-def _is_changed(file: Path, stamp: Stamp) -> bool:
-    """Whether a file is gone or was written since its stamp."""
-    return not file.is_file() or stamp_of(file) != stamp
 
 
 def _stamps(module: ModuleType) -> dict[str, Stamp]:
@@ -328,8 +323,8 @@ def _as_model(name: str, member: object) -> type[Model]:
         raise ModelError(f"is {name}, which is not a model: derive it from HybridModel or SteppedModel.")
     if inspect.isabstract(member):
         missing = sorted(member.__abstractmethods__)
-        few = len(missing) <= _MOST_DESCRIBED
-        lacks = "; ".join(_described_member(member, key) for key in missing) if few else ", ".join(missing)
+        described = [_described_member(member, key) for key in missing]
+        lacks = "; ".join(described) if len(missing) <= _MOST_DESCRIBED else ", ".join(missing)
         raise ModelError(f"is {name}, which is not a complete model: it lacks {lacks}.")
     return member
 

@@ -8,7 +8,7 @@ A geom of an MJCF may begin so deep in the ground that its contacts launch the b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -17,12 +17,13 @@ import numpy as np
 from gaitsweep.contract import Model
 from gaitsweep.dynamics.body.body_model import BodyModel
 from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.mjcf import OfMjcf, height_start
+from gaitsweep.dynamics.mjcf import OfMjcf, compiled_mjcf, element_name, height_start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
 from gaitsweep.engine.stored_traces import dependences, stored
+from gaitsweep.models.sampled_points import Columns
 
 
 @cached_by_content(maxsize=64)
@@ -36,8 +37,7 @@ def idle_starts(model: Model) -> tuple[str, ...]:
 def _idle_starts(model: Model) -> list[str]:
     """`idle_starts` of a model that has not been traced before."""
     scalar = jax.ShapeDtypeStruct((), float)
-    parameters = {quantity.name: scalar for quantity in model.parameters}
-    shapes = (parameters, {quantity.name: scalar for quantity in model.initial_conditions})
+    shapes = tuple({q.name: scalar for q in group} for group in (model.parameters, model.initial_conditions))
 
     def begun(values: Any, start: Any) -> Any:
         return model.init(model.params(values), start)
@@ -60,7 +60,6 @@ def sets_starts(model: Model) -> str:
     return "complete" if own else "init"
 
 
-Columns = Mapping[str, np.ndarray]  # values (n,) by name
 # The depth from which a start is reported, as a multiple of that at which one contact carries the body.
 _DEEP = 1.0
 _DEEP_IN_STEPS = 2.0  # of MuJoCo's own contact, whose rest is deeper than its reference
@@ -81,11 +80,8 @@ def starts_in_ground(
     body = model.original
     if not isinstance(body, OfMjcf) or getattr(body, "begins_standing", False):
         return []
-    deep = (
-        _depths_of_located(body, values, starts)
-        if isinstance(body, BodyModel)
-        else _depths_of_stepped(body, starts)
-    )
+    is_located = isinstance(body, BodyModel)
+    deep = _depths_of_located(body, values, starts) if is_located else _depths_of_stepped(body, starts)
     rows = [place for place, depths in enumerate(deep) if depths]
     if not rows:
         return []
@@ -99,21 +95,15 @@ def starts_in_ground(
     keyframe = (
         f"the keyframe {body.keyframe}" if body.keyframe else "the MJCF (its keyframe, or the body's pos)"
     )
-    lift = f"or raise {keyframe}"
+    lift = f"raise {keyframe}"
     if start is not None:
         height = float(np.asarray(starts[start])[deepest]) + depth
-        lift = f"`start: {{{start}: {height:.3g}}}` in the job begins on the ground, {lift}"
-    else:
-        lift = lift.removeprefix("or ")
-    standing = (
-        ", or write `start: standing` in the model file, which compiles for about half a minute more"
-        if isinstance(body, BodyModel)
-        else ""
-    )
-    geoms = "these geoms are" if len(names) > 1 else "a geom is"
+        lift = f"`start: {{{start}: {height:.3g}}}` in the job begins on the ground, or {lift}"
+    standing = ", or write `start: standing` in the model file, which compiles for about half a minute more"
+    subject = "these geoms are" if len(names) > 1 else "a geom is"
     return [
-        f"{geoms} in the ground{where(deepest)}: {listed}{more}. One contact carries the body at a depth of "
-        f"{at_rest:.1g} m, so the ground launches it. To lift it: {lift}{standing}."
+        f"{subject} in the ground{where(deepest)}: {listed}{more}. One contact carries the body at a depth "
+        f"of {at_rest:.1g} m, so the ground launches it. To lift it: {lift}{standing if is_located else ''}."
     ]
 
 
@@ -146,8 +136,6 @@ def _depths_of_stepped(model: OfMjcf, starts: Columns) -> list[dict[str, tuple[f
     """As `_depths_of_located`, of a body with MuJoCo's contacts, by MuJoCo C for the first rows."""
     import mujoco
 
-    from gaitsweep.dynamics.mjcf import compiled_mjcf
-
     m = compiled_mjcf(type(model))
     data = mujoco.MjData(m)
     gravity = float(np.linalg.norm(m.opt.gravity))
@@ -163,7 +151,7 @@ def _depths_of_stepped(model: OfMjcf, starts: Columns) -> list[dict[str, tuple[f
                 stiffness = _reference_stiffness(contact.solref, contact.solimp)
                 rest = gravity / stiffness if len(moving) == 1 and stiffness > 0.0 else 0.0
                 if 0.0 < _DEEP_IN_STEPS * rest < -contact.dist:
-                    geoms[m.geom(moving[0]).name or f"geom {moving[0]}"] = -float(contact.dist), rest
+                    geoms[element_name(m, "geom", moving[0])] = -float(contact.dist), rest
         deep.append(geoms)
     return deep
 

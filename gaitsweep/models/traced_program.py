@@ -91,11 +91,8 @@ def traced_program(model: Model) -> TracedProgram:
 
 def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | None:
     """The function in which two programs differ, one that others call before those; None if none does."""
-    names = (
-        *_CALLED_FUNCTIONS,
-        *(name for name in (*one, *other) if name not in _CALLING_FUNCTIONS),
-        *_CALLING_FUNCTIONS,
-    )
+    others = (name for name in (*one, *other) if name not in _CALLING_FUNCTIONS)
+    names = (*_CALLED_FUNCTIONS, *others, *_CALLING_FUNCTIONS)
     return next((name for name in names if one.get(name) != other.get(name)), None)
 
 
@@ -105,7 +102,10 @@ def _digests(model: Model) -> Iterator[tuple[str, str]]:
     number = jax.ShapeDtypeStruct((), float)
     values: Any = {quantity.name: number for quantity in model.parameters}
     if model.host_parameters:
-        defaults = {q.name: np.array([_number_or_one(q.default)]) for q in model.parameters}
+        defaults = {
+            q.name: np.array([q.default if isinstance(q.default, int | float) else 1.0])
+            for q in model.parameters
+        }
         try:
             values = model.on_host(defaults)
         except Exception:  # defaults need not make a body
@@ -200,8 +200,3 @@ def _bytes(value: Any) -> bytes:
 def _digest_of_text(text: str) -> str:
     """The first 16 digits of a text's SHA-256."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _number_or_one(default: float | str | None) -> float:
-    """A default that is a number, or 1 in place of a formula or of none."""
-    return default if isinstance(default, int | float) else 1.0

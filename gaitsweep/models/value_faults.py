@@ -17,7 +17,6 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.declared_model import ARMING
-from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.expression import ExpressionError
@@ -213,7 +212,7 @@ def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where)
     sentences = [*_start_faults(model, at_starts, where), *_range_faults(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
-    has_guards = True if at_starts.guards is None else ~np.any(np.isnan(at_starts.guards), axis=1)
+    has_guards = at_starts.guards is None or ~np.any(np.isnan(at_starts.guards), axis=1)
     for name, beyond in at_starts.beyond.items():
         if (row := _first_row(beyond & has_guards)) is not None:
             value = surface_value(model, name, {**values, **starts}, row)
@@ -282,19 +281,16 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
 
 def _clock_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:
     """No rate, or one other than 1, of the clock of footfalls, whose strides it would scale."""
+    feet = model.original.declarations.feet if isinstance(model.original, Declared) else None
     rates = at_starts.rates
-    declarations = model.original.declarations if isinstance(model.original, Declared) else {}
-    for feet in declarations.values():
-        if rates is None or not isinstance(feet, Footfalls):
-            continue
-        if feet.clock not in rates:
-            clock = f"no rate of {feet.clock}, the clock of its footfalls"
-            yield f"but its function flow returns {clock}: return 1.0."
-            continue
-        rate = np.asarray(rates[feet.clock])
-        if (row := _first_row(np.isfinite(rate) & (rate != 1.0))) is not None:
-            clock = f"the rate {rate[row]:g} of {feet.clock}{where(row)}"
-            yield f"but its function flow returns {clock}, the clock of its footfalls: return 1.0."
+    if feet is None or rates is None:
+        return
+    rate = np.asarray(rates.get(feet.clock, 1.0), float).reshape(-1)
+    row = _first_row(np.isfinite(rate) & (rate != 1.0))
+    if feet.clock not in rates or row is not None:
+        wrong = "no rate" if row is None else f"the rate {rate[row]:g}"
+        clock = f"{feet.clock}{'' if row is None else where(row)}, the clock of its footfalls"
+        yield f"but its function flow returns {wrong} of {clock}: return 1.0."
 
 
 def _range_faults(model: Model, at_starts: _AtStarts, points: tuple[Any, Any], where: Where) -> Iterator[str]:

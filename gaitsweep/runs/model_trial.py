@@ -8,6 +8,7 @@ includes neither events nor integration errors; it is relative to the power that
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import warnings
 from collections.abc import Callable, Mapping
@@ -291,13 +292,10 @@ class _TriedRows:
     def _events_that_never_happened(self) -> list[str]:
         """Return a sentence about the events that happened in no row, or about an uncrossed section."""
         model = self.model
-        first_row = {name: jnp.asarray(column[0]) for name, column in self.values.items()}
-        params = model.params(first_row)
-        start = model.init(params, first_row)
         if not self._crossed_section:
             advice = "look at the sign of its function, and at the starts"
             declared = model.declarations.items() if isinstance(model, DeclaredModel) else ()
-            rates = model.flow(params, start) if isinstance(model, DeclaredModel) else {}
+            rates = jax.eval_shape(model.flow, *shapes_of(model)) if isinstance(model, DeclaredModel) else {}
             variables = [name for name, quantity in declared if isinstance(quantity, Variable)]
             if at_rest := [name for name in variables if name not in rates]:
                 advice += f"; flow returns no rate of {', '.join(at_rest)}"
@@ -308,12 +306,23 @@ class _TriedRows:
             if np.nan_to_num(counts).any():
                 continue
             # counts are read at crossings, and a fall has none after it
-            is_fall = event.jumps and model.failed(params, event.jumped(model, params, start))
-            if not is_fall:
+            if not (event.jumps and self._falls_by(event)):
                 never.append(repr(event.name))
         text = f"These events happened in no row that was tried: {', '.join(dict.fromkeys(never))}; look at "
         advice = "the signs of their functions, at during= and when=, and at ranges."
         return [f"{text}{advice}"] if never else []
+
+    @functools.cached_property
+    def _first_start(self) -> tuple[Params, State]:
+        """The parameters and the state at the start of the first row."""
+        first_row = {name: jnp.asarray(column[0]) for name, column in self.values.items()}
+        params = self.model.params(first_row)
+        return params, self.model.init(params, first_row)
+
+    def _falls_by(self, event: SingleEvent) -> bool:
+        """Whether the body has fallen after the jump of an event from the first row's start."""
+        params, start = self._first_start
+        return bool(self.model.failed(params, event.jumped(self.model, params, start)))
 
 
 def _counted_events(model: Model) -> list[SingleEvent]:

@@ -17,12 +17,15 @@ MISLABELLED = "mislabelled"  # rows whose label is not the index of a gait
 STARTS_BEYOND = "starts_beyond"  # rows that begin beyond an event's surface
 WITHOUT_START = "without_start"  # rows whose start the model could not make
 WITHOUT_STRIDES = "without_strides"  # rows of a model with footfalls of which no row has a stride
-UNEVEN_STRIDES = "uneven_strides"  # settled rows of no gait of which a foot lands more than once a stride
-WITHOUT_GAIT = "without_gait"  # other settled rows of no gait, by the reason
-NO_STRIDE, SEVERAL, OTHER_LAGS = "no_stride", "several", "other_lags"
+UNEVEN_STRIDES = "uneven_strides"  # rows of no gait of which a foot lands more than once a stride
+WITHOUT_GAIT = "without_gait"  # other rows of no gait, by the reason
+NO_STRIDE, SEVERAL, OTHER_LAGS, UNSETTLED = "no_stride", "several", "other_lags", "unsettled"
+SHORT_CONTACTS = "short_contacts"  # settled rows whose gait has another name for twice `shortest_contact`
+BACKWARDS = "backwards"  # settled rows whose body walks backwards
 WITHOUT_PERIOD = "without_period"  # rows whose nominal period is not a positive time
 REMARKS = (
-    MISLABELLED, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_GAIT, WITHOUT_PERIOD, WITHOUT_START, WITHOUT_STRIDES,
+    BACKWARDS, MISLABELLED, SHORT_CONTACTS, STARTS_BEYOND, UNEVEN_STRIDES, WITHOUT_GAIT, WITHOUT_PERIOD,
+    WITHOUT_START, WITHOUT_STRIDES,
 )  # fmt: skip
 # Words about several rows, and those about one.
 _OF_ONE = {"their": "its", "rest": "rests", "lie": "lies", "are": "is"}
@@ -242,26 +245,59 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
     if uneven := manifest.get(UNEVEN_STRIDES):
         sentences.append(_uneven_strides(uneven))
     if without_gait := manifest.get(WITHOUT_GAIT):
-        sentences.append(_without_gait(without_gait))
+        sentences += _without_gait(without_gait)
+    if short_contacts := manifest.get(SHORT_CONTACTS):
+        sentences.append(_short_contacts(short_contacts))
+    if backwards := manifest.get(BACKWARDS):
+        verb = "walks" if backwards["rows"] == 1 else "walk"
+        sentences.append(
+            f"{_rows(backwards)} settled, but {verb} backwards: the mean speed of a cycle is "
+            f"{'' if backwards['rows'] == 1 else 'down to '}{backwards['fastest']:.3g} m/s. A hinge at "
+            'the hip with axis="0 -1 0" swings ahead at positive angles; else reverse the sign of its swing '
+            "(docs/walker.md)."
+        )
     return sentences
 
 
-def _without_gait(about: Mapping[str, Any]) -> str:
-    """Format why settled rows have no gait, with the numbers of rows."""
+def _without_gait(about: Mapping[str, Any]) -> list[str]:
+    """Format why rows have no gait, with the numbers of rows."""
+    reasons = dict(about["reasons"])
     lags = "the lags of its feet are those of no gait"
     if about.get("legs") == 2:
         lags = "its feet neither alternate nor land together: lag_2 / (2 pi) is "
         lags += f"within {ALTERNATE:g} of 1/2 in a walk or run, and within {TOGETHER:g} of 0 in a hop"
+    feet = " or ".join(reasons.get(NO_STRIDE, {}).get("feet", ()))
+    lacking = f"foot {feet}" if feet else "a foot"
     words = {
-        NO_STRIDE: "a foot has no stride: it stands, is held up, or has not landed twice",
+        NO_STRIDE: f"{lacking} has no stride: it stands, is held up, or has not landed twice",
         SEVERAL: "its strides differ on an orbit of several crossings",
         OTHER_LAGS: lags,
     }
-    reasons = [f"in {_rows(rows)} {words[reason]}" for reason, rows in about["reasons"].items()]
-    total = sum(rows["rows"] for rows in about["reasons"].values())
-    subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
-    text = f"{subject} the gait none: {'; '.join(reasons)}"
-    return f"{text} (docs/own_model.md, `Footfalls and names of gaits`)."
+    page = "(docs/own_model.md, `Footfalls and names of gaits`)"
+    sentences = []
+    if unsettled_rows := reasons.pop(UNSETTLED, None):
+        sentences.append(
+            f"{_rows(unsettled_rows)} reached the limit of cycles with the gait none, since strides differ: "
+            "they repeat after several crossings, if at all, or a foot lands more than once a stride, such "
+            f"as one that bounces {page}."
+        )
+    if reasons:
+        total = sum(rows["rows"] for rows in reasons.values())
+        subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
+        listed = "; ".join(f"in {_rows(rows)} {words[reason]}" for reason, rows in reasons.items())
+        sentences.append(f"{subject} the gait none: {listed} {page}.")
+    return sentences
+
+
+def _short_contacts(about: Mapping[str, Any]) -> str:
+    """Format that names of gaits depend on `shortest_contact`."""
+    shares = " to ".join(dict.fromkeys(f"{share:.2g}" for share in about["share"]))
+    known = f"`shortest_contact`, {about['shortest_contact']:g}"
+    return (
+        f"The gait of {_rows(about)} depends on {known}: with twice that, a stance or swing of foot "
+        f"{' or '.join(about['feet'])} would not count, which lasts for {shares} of the model's period "
+        "(docs/own_model.md, `Footfalls and names of gaits`)."
+    )
 
 
 def _uneven_strides(about: Mapping[str, Any]) -> str:
@@ -280,7 +316,7 @@ def _uneven_strides(about: Mapping[str, Any]) -> str:
         if about.get("body")
         else ""
     )
-    subject = "1 settled row has" if rows == 1 else f"{rows} settled rows have"
+    subject = "1 row has" if rows == 1 else f"{rows} rows have"
     return (
         f"{subject} no gait, since a foot lands more than once a stride (the first is row {first}; "
         f"{'; '.join(feet)}).{advice}"

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from gaitsweep import models
 from gaitsweep.contract import Model
+from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.gaits_by_footfalls import TOGETHER
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.engine.content import cached_by_content
@@ -26,12 +27,15 @@ from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.own_modules import folder_of_class
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.sentences import (
+    BACKWARDS,
     MISLABELLED,
     NO_STRIDE,
     OTHER_LAGS,
     SEVERAL,
+    SHORT_CONTACTS,
     STARTS_BEYOND,
     UNEVEN_STRIDES,
+    UNSETTLED,
     WITHOUT_GAIT,
     WITHOUT_PERIOD,
     WITHOUT_START,
@@ -44,6 +48,7 @@ from gaitsweep.table import Table
 # Rows whose starts are examined, at most.
 _MOST_STARTS = 100_000
 _MOST_STARTS_OF_HOST = 64  # of models whose parameters the host computes row by row
+_BACKWARDS = -1e-3  # m/s, a mean speed above which a body marches on the spot
 # Parts of the path of a project's folder, at least, of which / is the first: /home/user is none.
 _PROJECT_DEPTH = 4
 
@@ -158,7 +163,7 @@ def summed_up(context: RunContext, table: Table) -> bool:
     if manifest.get("complete") is not True or manifest.get("counts") != table.counts():
         return False
     # without mislabelled rows, or with strides, there is no field for them
-    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, *_OF_STRIDES}
+    needed = {*_summaries(context, table), "quantities"} - {MISLABELLED, BACKWARDS, *_OF_STRIDES}
     return needed <= manifest.keys()
 
 
@@ -178,7 +183,11 @@ def _summaries(context: RunContext, table: Table) -> dict[str, set[str]]:
     of_steps = {"gait", "attractor_period", *strides, *map(_duty_of, strides)}
     columns_of_rows = columns if context.job.run.one_a_row else set()
     names_gaits = tuple(context.model.gaits) != ("none",)
+    speed = {f"{q.name}_end" for q in context.model.observables if (q.name, q.unit) == ("speed", "m/s")}
+    is_body = isinstance(context.model.original, OfMjcf)
     needs = {
+        BACKWARDS: (speed, is_body and speed & columns_of_rows),
+        SHORT_CONTACTS: (of_steps, strides and of_steps <= columns_of_rows and _shortest_contact(context)),
         MISLABELLED: ({"gait"}, "gait" in columns),
         WITHOUT_STRIDES: (strides, strides),
         UNEVEN_STRIDES: (of_steps, strides and of_steps <= columns_of_rows),
@@ -213,7 +222,9 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     feet = _feet_by_stride(context)
     without_stride = {feet[column] for column in summaries.get(WITHOUT_STRIDES, ())}
     uneven: dict[str, dict[str, Any]] = {}
-    without_gait: dict[str, dict[str, int]] = {}
+    without_gait: dict[str, dict[str, Any]] = {}
+    short_contacts: dict[str, Any] = {}
+    backwards: dict[str, Any] = {}
     stalls: dict[str, dict[str, Any]] = {}
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
@@ -227,6 +238,10 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         if UNEVEN_STRIDES in summaries:
             add_uneven_strides(uneven, part, feet)
             add_without_gait(without_gait, part, feet)
+        if SHORT_CONTACTS in summaries:
+            add_short_contacts(short_contacts, part, feet, _shortest_contact(context), _periods(context))
+        if BACKWARDS in summaries:
+            add_backwards(backwards, part)
         if "stalls" in summaries:
             _add_stalls(stalls, part)
         for name, counter in counts.items():
@@ -248,8 +263,8 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if parts_of_findings:
         records = pd.concat(parts_of_findings, ignore_index=True)
         fields["findings"] = context.job.run.findings(records)
-    if mislabelled:
-        fields[MISLABELLED] = mislabelled
+    of_few_rows = {MISLABELLED: mislabelled, SHORT_CONTACTS: short_contacts, BACKWARDS: backwards}
+    fields |= {name: about for name, about in of_few_rows.items() if about}
     fields |= _of_strides(context, without_stride, uneven, without_gait)
     return {name: fields[name] for name in summaries if name in fields}
 
@@ -258,7 +273,7 @@ def _of_strides(
     context: RunContext,
     without_stride: set[str],
     uneven: dict[str, dict[str, Any]],
-    without_gait: dict[str, dict[str, int]],
+    without_gait: dict[str, dict[str, Any]],
 ) -> dict[str, Any]:
     """Summarise feet without a stride in any row, and settled rows without a gait; `_OF_STRIDES`."""
     fields: dict[str, Any] = {}
@@ -277,7 +292,7 @@ def _of_strides(
     return fields
 
 
-_OF_STRIDES = {WITHOUT_STRIDES, UNEVEN_STRIDES, WITHOUT_GAIT}  # fields that few tables have
+_OF_STRIDES = {WITHOUT_STRIDES, UNEVEN_STRIDES, WITHOUT_GAIT, SHORT_CONTACTS}  # fields that few tables have
 
 # Fields that count the values of a column, and the statuses of the rows that count.
 _COUNTED = {
@@ -301,16 +316,18 @@ def _add_mislabelled(
 def add_uneven_strides(
     uneven: dict[str, dict[str, Any]], part: pd.DataFrame, feet: Mapping[str, str]
 ) -> None:
-    """Add the rows of a part on orbits of one crossing on which a foot lands more than once a stride.
+    """Add the rows of a part on which a foot lands more than once a stride.
 
-    Their gait is none, and the last stride of that foot is shorter than that of another one, or than its last
-    stance, of which its duty factor is NaN. `contact` are the shortest and the longest of its last contacts,
-    s.
+    Their gait is none, and the last stride of that foot is shorter than its last stance, of which its duty
+    factor is NaN, or, on an orbit of one crossing, than the stride of another foot. `contact` are the
+    shortest and the longest of its last contacts, s.
     """
-    rows, columns = _settled_without_gait(part, feet)
-    rows = rows[(rows["attractor_period"] == 1) & rows[columns].notna().all(axis=1)]
+    rows, columns = _ended_without_gait(part, feet)
+    rows = rows[rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
-    repeated = _are_uneven(strides) | _lands_within(rows, columns)
+    of_one_crossing = _are_settled(rows) & (rows["attractor_period"] == 1).to_numpy(bool)
+    several = _are_settled(rows) & ~of_one_crossing
+    repeated = (of_one_crossing & _are_uneven(strides)) | (~several & _lands_within(rows, columns))
     shortest = np.argmin(strides, axis=1)
     for k, column in enumerate(columns):
         is_short = (shortest == k) & repeated
@@ -325,22 +342,103 @@ def add_uneven_strides(
 
 
 def add_without_gait(
-    without_gait: dict[str, dict[str, int]], part: pd.DataFrame, feet: Mapping[str, str]
+    without_gait: dict[str, dict[str, Any]], part: pd.DataFrame, feet: Mapping[str, str]
 ) -> None:
-    """Add the settled rows of a part without a gait by the reason, except those of `add_uneven_strides`."""
-    rows, columns = _settled_without_gait(part, feet)
+    """Add the rows of a part without a gait by the reason, except those of `add_uneven_strides`.
+
+    They have settled, or their strides still differed at the limit of cycles. `feet` are those that have no
+    stride in some of these rows.
+    """
+    rows, columns = _ended_without_gait(part, feet)
     strides = rows[columns].to_numpy(float)
+    settled = _are_settled(rows)
     no_stride = np.isnan(strides).any(axis=1)
     uneven = ~no_stride & _are_uneven(strides)
+    within = _lands_within(rows, columns)
     masks = {
-        NO_STRIDE: no_stride,
-        SEVERAL: uneven & (rows["attractor_period"] != 1).to_numpy(bool),
-        OTHER_LAGS: ~no_stride & ~uneven & ~_lands_within(rows, columns),
+        NO_STRIDE: settled & no_stride,
+        SEVERAL: settled & uneven & (rows["attractor_period"] != 1).to_numpy(bool),
+        OTHER_LAGS: settled & ~no_stride & ~uneven & ~within,
+        UNSETTLED: ~settled & uneven & ~within,
     }
     for reason, mask in masks.items():
-        if mask.any():
-            known = without_gait.setdefault(reason, {"rows": 0, "row": int(rows["row"].to_numpy()[mask][0])})
-            known["rows"] += int(np.count_nonzero(mask))
+        if not mask.any():
+            continue
+        known = without_gait.setdefault(reason, {"rows": 0, "row": int(rows["row"].to_numpy()[mask][0])})
+        known["rows"] += int(np.count_nonzero(mask))
+        if reason == NO_STRIDE:
+            lacking = np.isnan(strides[mask]).any(axis=0)
+            named = {*known.get("feet", ()), *(feet[columns[k]] for k in np.flatnonzero(lacking))}
+            known["feet"] = [foot for foot in dict.fromkeys(feet.values()) if foot in named]
+
+
+def add_short_contacts(
+    short_contacts: dict[str, Any],
+    part: pd.DataFrame,
+    feet: Mapping[str, str],
+    shortest_contact: float,
+    periods: Callable[[Any], Float[np.ndarray, " rows"]],
+) -> None:
+    """Add the settled rows of a part with a gait that twice the `shortest_contact` would not give them.
+
+    A stance or swing of one of their feet would then not count. `share` are the shortest and the longest of
+    these, as shares of the model's period.
+
+    Args:
+        short_contacts: the result of the parts before; this part is added.
+        part: records of the table.
+        feet: the foot of each column of strides.
+        shortest_contact: the model's, as a share of its period.
+        periods: function from the numbers of rows to their nominal periods, s.
+    """
+    columns = [name for name in feet if name in part.columns]
+    rows: Any = part[_are_settled(part) & (part["gait"] != "none").to_numpy(bool)]
+    if not len(rows):
+        return
+    strides = rows[columns].to_numpy(float)
+    stances = strides * rows[[_duty_of(column) for column in columns]].to_numpy(float)
+    numbers = rows["row"].to_numpy(np.int64)
+    shares = np.minimum(stances, strides - stances) / periods(numbers)[:, None]
+    shortest = np.min(shares, axis=1)
+    is_short = shortest < 2.0 * shortest_contact
+    if not is_short.any():
+        return
+    known = short_contacts or {"rows": 0, "row": int(numbers[is_short][0]), "feet": [], "share": []}
+    counted = [feet[columns[k]] for k in np.argmin(shares, axis=1)[is_short]]
+    spans = [*known["share"], *shortest[is_short].tolist()]
+    short_contacts |= {
+        **known,
+        "rows": known["rows"] + int(np.count_nonzero(is_short)),
+        "feet": sorted({*known["feet"], *counted}),
+        "share": [min(spans), max(spans)],
+        "shortest_contact": shortest_contact,
+    }
+
+
+def add_backwards(backwards: dict[str, Any], part: pd.DataFrame) -> None:
+    """Add the settled rows of a part whose body walks backwards; `fastest` is the lowest mean speed, m/s."""
+    speeds = part["speed_end"].to_numpy(float)
+    walk_back = _are_settled(part) & (speeds < _BACKWARDS)
+    if walk_back.any():
+        known = backwards or {"rows": 0, "row": int(part["row"].to_numpy()[walk_back][0]), "fastest": 0.0}
+        fastest = min(known["fastest"], float(speeds[walk_back].min()))
+        rows = known["rows"] + int(np.count_nonzero(walk_back))
+        backwards |= {**known, "rows": rows, "fastest": fastest}
+
+
+def _shortest_contact(context: RunContext) -> float:
+    """The `shortest_contact` of a model whose feet bounce; 0 without such feet."""
+    original = context.model.original
+    if not isinstance(original, Declared) or not original.contacts_bounce:
+        return 0.0
+    return 0.0 if original.declarations.feet is None else original.declarations.feet.shortest_contact
+
+
+def _periods(context: RunContext) -> Callable[[Any], Float[np.ndarray, " rows"]]:
+    """The function from numbers of rows to their nominal periods, s."""
+    model = context.model
+    of_rows = over_rows(lambda values: model.period(model.params(values)))
+    return lambda rows: np.asarray(of_rows(model.on_host(context.design.values_in(rows)[0])))
 
 
 def _are_uneven(strides: Float[np.ndarray, "rows feet"]) -> Bool[np.ndarray, " rows"]:
@@ -355,10 +453,16 @@ def _lands_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray
     return np.any(np.isnan(duties) & ~np.isnan(strides), axis=1)
 
 
-def _settled_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:
-    """The settled rows of a part whose gait is none, and its columns of strides."""
+def _are_settled(rows: pd.DataFrame) -> Bool[np.ndarray, " rows"]:
+    """Mask of rows that have settled."""
+    return (rows["status"] == Status.settled.name).to_numpy(bool)
+
+
+def _ended_without_gait(part: pd.DataFrame, feet: Mapping[str, str]) -> tuple[Any, list[str]]:
+    """The rows of a part that settled, or reached the limit of cycles, as none; its columns of strides."""
     columns = [name for name in feet if name in part.columns]
-    return part[(part["status"] == Status.settled.name) & (part["gait"] == "none")], columns
+    ended = part["status"].isin([Status.settled.name, Status.cycle_limit.name])
+    return part[ended & (part["gait"] == "none")], columns
 
 
 def _add_stalls(stalls: dict[str, dict[str, Any]], part: pd.DataFrame) -> None:

@@ -230,6 +230,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "falen: 0.47",
             r"line 11: falen is not a field of a model file; did you mean fallen",
         ),
+        (
+            "    hip: {swing",
+            "    ankle: {swing: 0.1}\n    hip: {swing",
+            r"line 6: controller\.joints\.ankle moves nothing, since no leg has it: write ankle: JOINT",
+        ),
         ("  joints:", "  kp: 3\n  joints:", "kp or kd, but all of its joints have <position>"),
         ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
         ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),

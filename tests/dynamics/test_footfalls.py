@@ -27,7 +27,12 @@ from gaitsweep.dynamics.gaits_by_footfalls import (
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.value_faults import faults
 from gaitsweep.runs.sentences import remarks
-from gaitsweep.runs.summary import add_uneven_strides, add_without_gait
+from gaitsweep.runs.summary import (
+    add_backwards,
+    add_short_contacts,
+    add_uneven_strides,
+    add_without_gait,
+)
 
 # Touchdowns as shares of a stride, in the order of `LEGS`, and the duty factor, of gaits as their sources
 # describe them. Fours are LF, RF, LH, RH; sixes L1, R1, L2, R2, L3, R3.
@@ -201,6 +206,14 @@ def test_support_patterns_are_the_feet_that_are_down() -> None:
     )  # fmt: skip
 
 
+def test_footfalls_that_are_not_numbers_have_no_gait() -> None:
+    """A foot that stands has no lag; all comparisons with it are false, which left a rotary gallop."""
+    for at, duty in ([[0.0, 0.5, np.nan, 0.0], [0.6] * 4], [[0.0, 0.5, 0.5, 0.0], [0.6, np.nan, 0.6, 0.6]]):
+        assert gait_of_footfalls(at, duty, LEGS[4]) == "none"
+        with pytest.raises(ValueError, match=r"are .*nan.*, but must be finite"):
+            support_patterns(at, duty, LEGS[4])
+
+
 def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
     model = Quadruped()
     assert fault(model) is None
@@ -360,7 +373,7 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
     add_uneven_strides(uneven, part, {"stride_1_end": "L", "stride_2_end": "R"})
     assert uneven == {"R": {"rows": 1, "row": 0, "contact": pytest.approx([0.063, 0.063])}}
     (sentence,) = remarks({"uneven_strides": {"feet": uneven, "body": True}})
-    assert "1 settled row has no gait, since a foot lands more than once a stride" in sentence
+    assert "1 row has no gait, since a foot lands more than once a stride" in sentence
     assert "foot R: its last contact has 0.063 s" in sentence
     assert "`shortest_contact` in the model file" in sentence
     # the stance of a bounce's end is longer than the time between its touchdowns: no duty factor
@@ -382,5 +395,56 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
     }  # fmt: skip
     (sentence,) = remarks({"without_gait": {"legs": 2, "reasons": reasons}})
     assert "3 settled rows have the gait none" in sentence
-    assert "in 1 row (row 4) a foot has no stride" in sentence
+    assert "in 1 row (row 4) foot R has no stride" in sentence
     assert "lag_2 / (2 pi) is within 0.1 of 1/2 in a walk or run, and within 0.0625 of 0 in a hop" in sentence
+
+
+def test_rows_at_the_limit_of_cycles_have_a_reason_for_no_gait() -> None:
+    """Row 0 has strides that differ, row 1 a foot whose last stance is longer than its stride."""
+    part = pd.DataFrame({
+        "row": [0, 1, 2, 3], "status": ["cycle_limit"] * 3 + ["fell"], "attractor_period": [0] * 4,
+        "gait": ["none", "none", "walk", "none"],
+        "stride_1_end": [0.96, 0.2, 0.96, 0.9], "stride_2_end": [0.42, 0.2, 0.96, 0.4],
+        "duty_1_end": [0.55, np.nan, 0.5, 0.5], "duty_2_end": [0.15, 0.4, 0.5, 0.5],
+    })  # fmt: skip
+    feet = {"stride_1_end": "L", "stride_2_end": "R"}
+    uneven: dict[str, Any] = {}
+    reasons: dict[str, dict[str, Any]] = {}
+    add_uneven_strides(uneven, part, feet)
+    add_without_gait(reasons, part, feet)
+    assert {foot: about["row"] for foot, about in uneven.items()} == {"L": 1}
+    assert reasons == {"unsettled": {"rows": 1, "row": 0}}
+    (sentence,) = remarks({"without_gait": {"legs": 2, "reasons": reasons}})
+    assert "1 row (row 0) reached the limit of cycles" in sentence
+
+
+def test_names_that_depend_on_the_shortest_contact_are_remarked() -> None:
+    """Stances last for 0.08 and 0.3 of the period; twice 0.05 leaves out the first, and not a lone swing."""
+    part = pd.DataFrame({
+        "row": [4, 5, 6], "status": ["settled", "settled", "cycle_limit"], "gait": ["run", "run", "run"],
+        "stride_1_end": [1.0] * 3, "stride_2_end": [1.0] * 3,
+        "duty_1_end": [0.16, 0.3, 0.1], "duty_2_end": [0.3, 0.3, 0.1],
+    })  # fmt: skip
+    about: dict[str, Any] = {}
+    feet = {"stride_1_end": "L", "stride_2_end": "R"}
+    add_short_contacts(about, part, feet, 0.05, lambda rows: np.full(len(rows), 2.0))
+    assert about == {
+        "rows": 1, "row": 4, "feet": ["L"], "share": pytest.approx([0.08, 0.08]), "shortest_contact": 0.05,
+    }  # fmt: skip
+    (sentence,) = remarks({"short_contacts": about})
+    assert "1 row (row 4) depends on `shortest_contact`, 0.05" in sentence
+    assert "foot L would not count, which lasts for 0.08" in sentence
+    nothing: dict[str, Any] = {}
+    add_short_contacts(nothing, part, feet, 0.05, lambda rows: np.full(len(rows), 1.0))
+    assert not nothing
+
+
+def test_a_settled_body_that_walks_backwards_is_remarked() -> None:
+    about: dict[str, Any] = {}
+    for speeds in ([-0.2, 0.3, -1e-9], [-0.4, -0.5, np.nan]):
+        status = ["settled", "settled", "cycle_limit"]
+        add_backwards(about, pd.DataFrame({"row": [7, 8, 9], "status": status, "speed_end": speeds}))
+    assert about == {"rows": 3, "row": 7, "fastest": -0.5}
+    (sentence,) = remarks({"backwards": about})
+    assert "3 rows (the first is row 7) settled, but walk backwards" in sentence
+    assert "-0.5 m/s" in sentence

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaitsweep.engine.flow_spectrum import flow_eigenvalues, slowest_limit
+import gaitsweep as gs
+from gaitsweep.engine.flow_spectrum import fastest_rates, flow_eigenvalues, slowest_limit
 from gaitsweep.engine.numerics import longest_step
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
@@ -118,3 +119,24 @@ def test_a_stiff_waist_counts_in_the_fastest_motion() -> None:
         errors.append(_fastest_motion_error(model, f=float(random.uniform(4.0, 40.0)), **values))
     assert min(errors) > -0.06, errors
     assert max(errors) < 1.5, errors
+
+
+class Decay(gs.DeclaredModel):
+    """A decay whose rate is its parameter."""
+
+    k = gs.parameter("1/s", "rate", 2.0)
+    x = gs.variable("1", "displacement", 1.0)
+
+    def flow(self, p, s):
+        return {"x": -p.k * s.x}
+
+    def period(self, p):
+        return 3.0 / p.k
+
+
+def test_fastest_rates_are_those_of_each_row_in_its_place() -> None:
+    """Equal rows are computed once; the rates are exact to rounding."""
+    k = np.array([5.0, 2.0, 5.0, 1.0, 2.0])
+    rates, periods = fastest_rates(Decay(), {"k": k}, {"x_0": np.ones(5)})
+    np.testing.assert_allclose(rates, k, rtol=1e-14)
+    np.testing.assert_allclose(periods, 3.0 / k, rtol=1e-14)

@@ -29,7 +29,7 @@ from gaitsweep.dynamics.declarations import mode, variable
 from gaitsweep.dynamics.declared import Values
 from gaitsweep.dynamics.declared_model import DeclaredModel
 from gaitsweep.dynamics.ground import ROUNDING, ground_field
-from gaitsweep.dynamics.mjcf import OfMjcf, Stamps, compiled_content, content_key
+from gaitsweep.dynamics.mjcf import OfMjcf, Stamps, compiled_content, content_key, joint_number
 from gaitsweep.dynamics.section_coordinates import BodyCoordinates
 from gaitsweep.dynamics.tree import integrate
 from gaitsweep.dynamics.tree.spatial import rotation_of
@@ -253,17 +253,11 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     # what functions of a model may ask for
 
-    def position(self, state: Any, joint: str) -> Float[Array, ""]:
-        """The position of a hinge (rad) or slide (m), by the joint's name."""
-        return state.q[self.body.address(joint)[0]]
-
-    def rate(self, state: Any, joint: str) -> Float[Array, ""]:
-        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
-        return state.v[self.body.address(joint)[1]]
-
     def length_factor(self, params: Any, joint: str) -> Float[Array, ""]:
         """The factor (1) of the lengths of the body that a joint moves, by the joint's name."""
-        return params.body[f"{self.body.body_of_joint(joint)}_size"]
+        m = self.body.elements.m
+        body = int(m.jnt_bodyid[joint_number(m, joint)])
+        return params.body[f"{self.body.elements.name_of_body(body)}_size"]
 
     def actuator_gear(self, params: Any, actuator: int) -> Float[Array, ""]:
         """The gear (1) of an actuator, by its number."""
@@ -315,9 +309,6 @@ class BodyModel(OfMjcf, DeclaredModel):
 
     # what the contract asks for
 
-    def positions(self, state: Any) -> Float[Array, " nq"]:
-        return state.q
-
     @property
     def parameters(self) -> tuple[Quantity, ...]:
         if self.ground != "even" and not self.body.has_level_plane:
@@ -329,11 +320,13 @@ class BodyModel(OfMjcf, DeclaredModel):
         for name in self.formulas:
             if name not in names:
                 raise ValueError(f"formulas has {name}, no parameter of the body{suggestion(name, names)}")
-        own = (
-            dataclasses.replace(quantity, default=self.formulas.get(quantity.name, quantity.default))
-            for quantity in self.body.parameters
+        return (
+            *super().parameters,
+            *(
+                dataclasses.replace(q, default=self.formulas.get(q.name, q.default))
+                for q in self.body.parameters
+            ),
         )
-        return (*super().parameters, *own)
 
     def params(self, values: Values, /) -> Any:
         of_body = {quantity.name: jnp.asarray(values[quantity.name]) for quantity in self.body.parameters}

@@ -10,13 +10,14 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, cleaned, surface_of
+from gaitsweep.dynamics.mjcf import element_name, elements_with, named
 
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit
@@ -87,24 +88,23 @@ def touches(m: Any) -> list[Touch]:
         ground, geom = sorted((one, other), key=lambda i: int(m.body_weldid[m.geom_bodyid[i]]) != 0)
         if m.body_weldid[m.geom_bodyid[ground]] != 0 or _GEOM(m.geom_type[ground]) not in _GROUND:
             raise ValueError(
-                f"{named(m, 'geom', one)} and '{_name(m, 'geom', other)}' may touch, but contacts are "
+                f"{named(m, 'geom', one)} and '{element_name(m, 'geom', other)}' may touch, but contacts are "
                 "located between a body and a plane, box or height field of the world only: "
                 f"{_REMEDY}. Geoms with contype 1 and conaffinity 0 do not touch each other."
             )
         surface = surface_of(m, data, ground, _margin(m, ground, geom))
         _refuse_shape(m, data, geom, ground, surface)
-        mixed = _mixed(m, ground, geom)
-        if mixed.condim not in (1, 3):
+        friction, solref, solimp, condim = _mixed(m, ground, geom)
+        if condim not in (1, 3):
             raise ValueError(
-                f"{named(m, 'geom', geom)} has condim {mixed.condim}, torsional or rolling friction, which "
+                f"{named(m, 'geom', geom)} has condim {condim}, torsional or rolling friction, which "
                 "located contacts do not have. Allowed: 1, 3."
             )
         body = int(m.geom_bodyid[geom])
-        inverse_mass = float(m.body_invweight0[body, 0])
-        softness = _softness(m, mixed.solref, mixed.solimp, inverse_mass, weight)
+        softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
         points, radius, axes = _points(m, data, geom, surface)
-        friction = mixed.friction if mixed.condim == 3 else None
-        result.append(Touch(geom, body, points, radius, surface, softness, friction, axes))
+        sliding = friction if condim == 3 else None
+        result.append(Touch(geom, body, points, radius, surface, softness, sliding, axes))
     _refuse_different_friction(m, result)
     return [dataclasses.replace(touch, edges=_edges(m, data, touch, result)) for touch in result]
 
@@ -148,12 +148,8 @@ def limits(m: Any) -> dict[int, Softness]:
 def refusals(m: Any) -> Iterator[str]:
     """A sentence for each feature that a located body lacks, besides those that a tree lacks."""
     for field, kind, feature in _ACTING:
-        # some versions of MuJoCo do not have all of these fields
-        values = np.asarray(getattr(m, field, ()), float)
-        missing = -1.0 if field == "actuator_plugin" else 0.0
-        rows = values.reshape(len(values), -1) if values.size else np.zeros((0, 1))
-        for i in np.flatnonzero((rows != missing).any(axis=1)):
-            yield f"{named(m, kind, int(i))} has {feature}, which a located body does not have."
+        for i in elements_with(m, field, -1.0 if field == "actuator_plugin" else 0.0):
+            yield f"{named(m, kind, i)} has {feature}, which a located body does not have."
     if m.npair:
         yield "The MJCF has a contact pair, which a located body does not have: set the geoms' numbers."
     if m.opt.disableflags & _OFF.mjDSBL_ACTUATION or m.opt.disableactuator:
@@ -171,16 +167,6 @@ def refusals(m: Any) -> Iterator[str]:
             yield f"{name} has activation dynamics (dyntype), which a located body does not have."
         elif m.actuator_gaintype[k] != mujoco.mjtGain.mjGAIN_FIXED or m.actuator_biastype[k] not in bias:
             yield f"{name} is no motor, position, velocity or general actuator of fixed gain and affine bias."
-
-
-def named(m: Any, kind: str, number: int) -> str:
-    """The kind of an element and its name."""
-    return f"{kind.capitalize()} '{_name(m, kind, number)}'"
-
-
-def _name(m: Any, kind: str, number: int) -> str:
-    """The name of an element, or its kind and number where it has none."""
-    return getattr(m, kind)(number).name or f"{kind} {number}"
 
 
 def _pairs(m: Any) -> Iterator[tuple[int, int]]:
@@ -204,33 +190,19 @@ def _pairs(m: Any) -> Iterator[tuple[int, int]]:
             yield one, other
 
 
-class _MixedNumbers(NamedTuple):
-    """Sliding friction, solref, solimp and condim of a contact."""
-
-    friction: float
-    solref: np.ndarray
-    solimp: np.ndarray
-    condim: int
-
-
-def _mixed(m: Any, one: int, other: int) -> _MixedNumbers:
-    """The numbers of a contact of two geoms, mixed as by MuJoCo."""
+def _mixed(m: Any, one: int, other: int) -> tuple[float, np.ndarray, np.ndarray, int]:
+    """Sliding friction, solref, solimp and condim of a contact of two geoms, mixed as by MuJoCo."""
     first, second = sorted((one, other), key=lambda i: -m.geom_priority[i])
     if m.geom_priority[first] > m.geom_priority[second]:
-        return _MixedNumbers(
-            float(m.geom_friction[first, 0]),
-            m.geom_solref[first],
-            m.geom_solimp[first],
-            int(m.geom_condim[first]),
-        )
-    friction = max(m.geom_friction[one, 0], m.geom_friction[other, 0])
-    condim = int(max(m.geom_condim[one], m.geom_condim[other]))
+        friction = float(m.geom_friction[first, 0])
+        return friction, m.geom_solref[first], m.geom_solimp[first], int(m.geom_condim[first])
+    friction = float(max(m.geom_friction[one, 0], m.geom_friction[other, 0]))
     mix = m.geom_solmix[[one, other]]
     share = mix[0] / mix.sum() if mix.sum() > 0.0 else 0.5
     refs = m.geom_solref[[one, other]]
     solref = share * refs[0] + (1.0 - share) * refs[1] if (refs[:, 0] > 0.0).all() else refs.min(axis=0)
     solimp = share * m.geom_solimp[one] + (1.0 - share) * m.geom_solimp[other]
-    return _MixedNumbers(float(friction), solref, solimp, condim)
+    return friction, solref, solimp, int(max(m.geom_condim[one], m.geom_condim[other]))
 
 
 def _margin(m: Any, one: int, other: int) -> float:
@@ -334,7 +306,8 @@ def _refuse_shape(m: Any, data: Any, geom: int, ground: int, surface: Surface) -
     """Refuse a geom that has no located contact with a surface."""
     shape = _GEOM(m.geom_type[geom])
     kind = shape.name.partition("_")[2].lower()
-    words = f"{named(m, 'geom', geom)} is of type {kind} and may touch '{_name(m, 'geom', ground)}', but"
+    touched = element_name(m, "geom", ground)
+    words = f"{named(m, 'geom', geom)} is of type {kind} and may touch '{touched}', but"
     if shape not in _TOUCHING:
         raise ValueError(f"{words} contacts are located of a sphere, capsule, box or cylinder: {_REMEDY}.")
     is_disc = shape == _GEOM.mjGEOM_CYLINDER and _is_planar(m, data, geom) and _is_along_y(data, geom)

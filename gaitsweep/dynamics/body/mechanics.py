@@ -21,17 +21,17 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from gaitsweep.dynamics.body.body_parameters import (
-    AXES,
-    BodyElements,
-    BodyParameters,
-    is_position_servo,
-    is_velocity_servo,
-)
+from gaitsweep.dynamics.body.body_parameters import AXES, BodyElements, BodyParameters
 from gaitsweep.dynamics.body.coverage import Touch, limits, refusals, touches
 from gaitsweep.dynamics.body.surfaces import Edge, Plane, Relief, Surface
 from gaitsweep.dynamics.ground import Ground
-from gaitsweep.dynamics.mjcf import identifier
+from gaitsweep.dynamics.mjcf import (
+    hinges_and_slides,
+    identifier,
+    is_position_servo,
+    is_velocity_servo,
+    joint_name,
+)
 from gaitsweep.dynamics.tree import (
     Array,
     Geometry,
@@ -174,7 +174,7 @@ class LocatedBody:
         points = [
             self.elements.name_of_geom(touch.geom) for touch in self._touches for _ in range(touch.contacts)
         ]
-        ends = [(self.elements.name_of_joint(j), end) for j in self._limits for end in ("lower", "upper")]
+        ends = [(joint_name(self._m, j), end) for j in self._limits for end in ("lower", "upper")]
         self.geom_of_stop = (*points, *(None for _ in ends))  # the geom's name; None for a limit
         self.stop_names = (
             *(
@@ -228,7 +228,7 @@ class LocatedBody:
         mujoco.mj_kinematics(m, data)
         normals = [touch.surface.normal for touch in self._touches if isinstance(touch.surface, Plane)]
         joints = []
-        for j in self.elements.hinges_and_slides():
+        for j in hinges_and_slides(m):
             is_slide = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
             # slides alone before it, from the world on
             carries = all(m.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE for i in self._before(j))
@@ -238,7 +238,7 @@ class LocatedBody:
             is_free = is_slide and carries and along and not held
             in_q = None if is_free else int(m.jnt_qposadr[j])
             unit = "m" if is_slide else "rad"
-            joints.append(JointPlace(self.elements.name_of_joint(j), unit, in_q, int(m.jnt_dofadr[j])))
+            joints.append(JointPlace(joint_name(self._m, j), unit, in_q, int(m.jnt_dofadr[j])))
         return joints
 
     @property
@@ -290,8 +290,8 @@ class LocatedBody:
         armature = list(of_mjcf.armature)
         stiffness = list(of_mjcf.stiffness)
         rest = list(of_mjcf.rest)
-        for j in self.elements.hinges_and_slides():
-            name = self.elements.name_of_joint(j)
+        for j in hinges_and_slides(m):
+            name = joint_name(self._m, j)
             dof = m.jnt_dofadr[j]
             i = self.elements.link_of_joint(j)
             damping[dof] = values[f"{name}_damping"]
@@ -375,7 +375,7 @@ class LocatedBody:
     def _stretches_of_limits(self, values: Values, q: Array, v: Array) -> Iterator[Limit]:
         """The stretches of the lower and the upper limit of each joint; arguments as of `stretches`."""
         for j in self._limits:
-            name = self.elements.name_of_joint(j)
+            name = joint_name(self._m, j)
             dof = int(self._m.jnt_dofadr[j])
             position = q[self._m.jnt_qposadr[j]]
             speed = v[dof]
@@ -390,8 +390,6 @@ class LocatedBody:
     ) -> tuple[Float[Array, " stops"], Float[Array, " stops"]]:
         """The stretch (m, rad) and the force (N, N m), were it pushing, of each stop, (stops,)."""
         stops = self.stretches(self.geometry(values), values, q, v, ground)
-        if not stops:
-            return jnp.zeros((0,)), jnp.zeros((0,))
         return _row([stop.stretch for stop in stops]), _row([stop.force for stop in stops])
 
     def contact_depths(
@@ -407,7 +405,7 @@ class LocatedBody:
     def _heights(self, values: Values, q: Array, v: Array, ground: Ground = EVEN) -> Float[Array, " stops"]:
         """The `Stretch.height` (stops,) of each stop."""
         stops = self.stretches(self.geometry(values), values, q, v, ground)
-        return _row([stop.height for stop in stops]) if stops else jnp.zeros((0,))
+        return _row([stop.height for stop in stops])
 
     def _bounds(self, values: Values, q: Array) -> Float[Array, " bounds"]:
         """The lengths (m), (bounds,), by which contacts are beyond what is covered; else negative.
@@ -434,7 +432,7 @@ class LocatedBody:
                     apart = jnp.minimum(depth, depth - of_end - RELEASE)
                     at_corner.append(jnp.minimum(apart, edge.beyond(side)))
                 bounds.append(functools.reduce(jnp.maximum, at_corner))
-        return _row(bounds) if bounds else jnp.zeros((0,))
+        return _row(bounds)
 
     def _points(
         self, touch: Touch, values: Values, placed: Sequence[Place]
@@ -521,28 +519,6 @@ class LocatedBody:
             tau[dof] = tau[dof] + gear * force
         return tau
 
-    # elements by name
-
-    def _numbered(self, joint: str) -> int:
-        """The number of a hinge or slide, by its name.
-
-        Raises:
-            ValueError: there is none.
-        """
-        names = {self.elements.name_of_joint(j): j for j in self.elements.hinges_and_slides()}
-        if (plain := identifier(joint)) not in names:
-            raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
-        return names[plain]
-
-    def address(self, joint: str) -> tuple[int, int]:
-        """The places of a hinge or slide in q and in v, by its name."""
-        j = self._numbered(joint)
-        return int(self._m.jnt_qposadr[j]), int(self._m.jnt_dofadr[j])
-
-    def body_of_joint(self, joint: str) -> str:
-        """The name in the parameters of the body that a hinge or slide moves, by the joint's name."""
-        return self.elements.name_of_body(int(self._m.jnt_bodyid[self._numbered(joint)]))
-
     def stops_of(self, geom: str) -> list[int]:
         """The numbers of the stops of a geom, by its name.
 
@@ -552,11 +528,8 @@ class LocatedBody:
         numbers = [k for k, name in enumerate(self.geom_of_stop) if name == identifier(geom)]
         if not numbers:
             names = dict.fromkeys(name for name in self.geom_of_stop if name)
-            why = (
-                suggestion(geom, names)
-                if names
-                else ': give it a contype, and the floor a conaffinity, of "1".'
-            )
+            remedy = ': give it a contype, and the floor a conaffinity, of "1".'
+            why = suggestion(geom, names) if names else remedy
             raise ValueError(f"No geom '{geom}' can touch the ground{why}")
         return numbers
 
@@ -601,8 +574,8 @@ def _side(edge: Edge, ends: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def _row(numbers: Sequence[Scalar]) -> Array:
-    """An array of numbers, of which some may be traced."""
-    return jnp.stack([jnp.asarray(number, float) for number in numbers])
+    """An array (n,) of numbers, of which some may be traced; n may be 0."""
+    return jnp.stack([jnp.asarray(number, float) for number in numbers]) if numbers else jnp.zeros((0,))
 
 
 def _table(rows: Sequence[Sequence[Scalar]]) -> Array:

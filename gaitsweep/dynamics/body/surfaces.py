@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.dynamics.ground import MOST_POINTS, ROUNDING, Ground, Profile
+from gaitsweep.dynamics.mjcf import named
 from gaitsweep.dynamics.tree import Array, Scalar
 
 _DUST = 1e-15  # rounding errors of constants that should be zero
@@ -261,7 +262,7 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
     rows, columns = int(m.hfield_nrow[field]), int(m.hfield_ncol[field])
     begin = int(m.hfield_adr[field])
     elevations = np.asarray(m.hfield_data[begin : begin + rows * columns], float).reshape(rows, columns)
-    name = f"Geom '{m.geom(geom).name or f'geom {geom}'}' is a height field"
+    name = f"{named(m, 'geom', geom)} is a height field"
     if not np.array_equal(axes, np.eye(3)):
         raise ValueError(f"{name} that is turned, but located contacts have it along x and y of the world.")
     varied = (elevations != elevations[0]).any()

@@ -15,18 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.dynamics.controllers.leg_targets import (
-    Targets,
-    control_of_legs,
-    follows_targets,
-    unit_of_joints,
-)
+from gaitsweep.dynamics.controllers.leg_targets import Targets, control_of_legs, unit_of_joints
 from gaitsweep.dynamics.controllers.oscillators import HIP, LegSenses
 from gaitsweep.dynamics.declarations import Variable, observable, parameter, signal, variable
 from gaitsweep.dynamics.event_declarations import event
-from gaitsweep.dynamics.gaits_by_footfalls import LEGS, SHORTEST_CONTACT, footfalls
+from gaitsweep.dynamics.gaits_by_footfalls import KNOWN_LEGS, SHORTEST_CONTACT, footfalls, have_names
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.dynamics.mjcf import identifier
+from gaitsweep.dynamics.mjcf import identifier, is_position_servo
 from gaitsweep.dynamics.tree import tilt_and_heading
 from gaitsweep.dynamics.tree.spatial import rotation_about, rotation_of
 
@@ -42,20 +37,11 @@ UNCONTROLLED: Mapping[str, Any] = {
     "period": lambda model, params: jnp.ones(()),
 }
 _LEVEL = 1e-9  # component of a unit axis below which a slide does not move along the ground
-_KINDS_OF_JOINTS = ("free", "ball", "slide", "hinge")  # in the order of mjtJoint
 # Names of legs in other conventions, in capitals.
 _OTHER_NAMES = {
-    "FL": "LF",
-    "FR": "RF",
-    "HL": "LH",
-    "HR": "RH",
-    "BL": "LH",
-    "BR": "RH",
-    "RL": "LH",
-    "RR": "RH",
-    "LEFT": "L",
-    "RIGHT": "R",
-}
+    "FL": "LF", "FR": "RF", "HL": "LH", "HR": "RH", "BL": "LH", "BR": "RH", "RL": "LH", "RR": "RH",
+    "LEFT": "L", "RIGHT": "R",
+}  # fmt: skip
 _DIGITS = 16  # of a digest, in the name of a class
 
 
@@ -116,7 +102,7 @@ class ControlledBody:
 
         members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
         if controller.kp is not None and controller.kd is not None:
-            motors = [joint for joint, k in self.actuators.items() if not follows_targets(self.m, k)]
+            motors = [joint for joint, k in self.actuators.items() if not is_position_servo(self.m, k)]
             stiffness = unit_of_joints(self.m, motors, "N m/rad", "N/m")
             damping = unit_of_joints(self.m, motors, "N m s/rad", "N s/m")
             members["kp"] = parameter(stiffness, "position gain of motors", controller.kp, low=0.0)
@@ -154,19 +140,15 @@ class ControlledBody:
         return tuple(leg.name for leg in self.legs)
 
     @property
-    def gaits_have_names(self) -> bool:
-        """Whether footfalls of legs with these names have names."""
-        return sorted(self._leg_names) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]
-
-    @property
     def remark_on_names(self) -> str:
-        """A sentence on legs whose footfalls have no names of gaits, with the names that have."""
-        known = "; ".join(", ".join(names_of_gaits) for names_of_gaits in LEGS.values())
+        """A sentence on legs whose footfalls have no names of gaits, with the names that have; else ''."""
         names = self._leg_names
+        if have_names(names):
+            return ""
         text = f"the legs {', '.join(names)} have no lags, duty factors and names of gaits: these need the "
-        text += f"names {known} (left and right, fore and hind, or pairs from the front), in any order"
+        text += f"names {KNOWN_LEGS} (left and right, fore and hind, or pairs from the front), in any order"
         renamed = {name: _OTHER_NAMES.get(name.upper(), name) for name in names}
-        if sorted(renamed.values()) in [sorted(names_of_gaits) for names_of_gaits in LEGS.values()]:
+        if have_names(list(renamed.values())):
             pairs = [f"{name} {better}" for name, better in renamed.items() if name != better]
             text += f"; here call {', '.join(pairs)}"
         return text
@@ -181,7 +163,7 @@ class ControlledBody:
             return self._touches(model, state).astype(float)
 
         names = self._leg_names
-        if self.gaits_have_names:
+        if have_names(names):
             chosen = self.file.shortest_contact
             shortest = SHORTEST_CONTACT if chosen is None else chosen
             return {"feet": footfalls("clock", legs=names, shortest_contact=shortest)(feet)}
@@ -287,7 +269,7 @@ def model_class(
         digest: the digest of the file's content.
     """
     data_digest_of_base: Any = base.data_digest
-    remarks = [] if body.gaits_have_names else [body.remark_on_names]
+    remarks = list(filter(None, [body.remark_on_names]))
     members: dict[str, Any] = {
         "__doc__": f"The model of {path.name}.",
         "__module__": __name__,
@@ -313,17 +295,6 @@ def _class_name(path: Path) -> str:
     return identifier("".join(word[:1].upper() + word[1:] for word in words)) or "Walker"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _JointOfTrunk:
-    """A joint of the first body: its place in q, its position in the MJCF's pose, its axis and anchor (m)."""
-
-    kind: str
-    at: int
-    reference: float
-    axis: np.ndarray
-    anchor: np.ndarray
-
-
 class _Trunk:
     """Place and heading of the first body, by its free joint or its slides, hinges and balls.
 
@@ -336,45 +307,40 @@ class _Trunk:
 
         kinds = mujoco.mjtJoint
         joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == 1]
+        self._m = m
         self._is_free = bool(joints) and m.jnt_type[joints[0]] == kinds.mjJNT_FREE
-        self._position = np.array(m.body_pos[1])
         orientation = np.zeros(9)
         mujoco.mju_quat2Mat(orientation, m.body_quat[1])
         self._orientation = orientation.reshape(3, 3)
         # turns about the body's origin move nothing but the slides after them
         while joints and m.jnt_type[joints[-1]] != kinds.mjJNT_SLIDE and not m.jnt_pos[joints[-1]].any():
             joints.pop()
-        self._joints = [
-            _JointOfTrunk(
-                _KINDS_OF_JOINTS[int(m.jnt_type[j])],
-                int(m.jnt_qposadr[j]),
-                float(m.qpos0[m.jnt_qposadr[j]]),
-                np.array(m.jnt_axis[j]),
-                np.array(m.jnt_pos[j]),
-            )
-            for j in joints
-        ]
+        self._joints = {j: kinds(m.jnt_type[j]).name.removeprefix("mjJNT_").lower() for j in joints}
 
     @property
     def moves(self) -> bool:
         """Whether it moves along the ground."""
-        axes = [self._orientation @ joint.axis for joint in self._joints if joint.kind == "slide"]
+        slides = [j for j, kind in self._joints.items() if kind == "slide"]
+        axes = [self._orientation @ self._m.jnt_axis[j] for j in slides]
         return self._is_free or any(abs(axis[:2]).max() > _LEVEL for axis in axes)
 
     def place(self, q: Float[Array, " nq"]) -> Float[Array, " 3"]:
         """Its place (3,), m: the origin of the body in the world."""
         if self._is_free:
             return q[:3]
-        place: Any = self._position
+        m = self._m
+        place: Any = np.array(m.body_pos[1])
         turn: Any = self._orientation
-        for joint in self._joints:
-            moved = q[joint.at] - joint.reference
-            if joint.kind == "slide":
-                place = place + moved * (turn @ joint.axis)
+        for j, kind in self._joints.items():
+            at = int(m.jnt_qposadr[j])
+            axis = np.array(m.jnt_axis[j])
+            anchor = np.array(m.jnt_pos[j])
+            moved = q[at] - float(m.qpos0[at])
+            if kind == "slide":
+                place = place + moved * (turn @ axis)
                 continue
-            is_hinge = joint.kind == "hinge"
-            spun = rotation_about(joint.axis, moved) if is_hinge else rotation_of(q[joint.at : joint.at + 4])
-            place = place + turn @ joint.anchor - turn @ spun @ joint.anchor
+            spun = rotation_about(axis, moved) if kind == "hinge" else rotation_of(q[at : at + 4])
+            place = place + turn @ anchor - turn @ spun @ anchor
             turn = turn @ spun
         return jnp.asarray(place)
 

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from pydantic import Field
 
 from gaitsweep.dynamics.declarations import parameter
-from gaitsweep.dynamics.mjcf import keyframe_number
+from gaitsweep.dynamics.mjcf import hinges_and_slides, is_position_servo, keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
 from gaitsweep.schema.strict_model import StrictModel
@@ -59,11 +59,7 @@ class Targets(abc.ABC):
 
     @abc.abstractmethod
     def of_joints(
-        self,
-        model: Any,
-        params: Any,
-        place: Float[Array, " legs"],
-        lift: Float[Array, " legs"],
+        self, model: Any, params: Any, place: Float[Array, " legs"], lift: Float[Array, " legs"]
     ) -> dict[str, Float[Array, ""]]:
         """The target (rad, m) of each joint, by its name.
 
@@ -106,9 +102,7 @@ class JointPatterns(Targets):
         targets = {}
         for i, joints in enumerate(self._joints):
             for role, joint in joints.items():
-                offset = getattr(params, f"{role}_offset")
-                swing = getattr(params, f"{role}_swing")
-                rise = getattr(params, f"{role}_lift")
+                offset, swing, rise = (getattr(params, f"{role}_{part}") for part in Waveform.model_fields)
                 targets[joint] = offset + swing * place[i] + rise * lift[i]
         return targets
 
@@ -179,9 +173,7 @@ class FootPaths(Targets):
             shin_size = model.length_factor(params, leg.knee)
             x = params.foot_ahead + 0.5 * params.stride * place[i]
             z = params.foot_lift * lift[i] - params.hip_height
-            hip, knee = leg.angles(x, z, thigh_size, shin_size)
-            targets[leg.hip] = hip
-            targets[leg.knee] = knee
+            targets[leg.hip], targets[leg.knee] = leg.angles(x, z, thigh_size, shin_size)
         return targets
 
 
@@ -219,15 +211,12 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
 
 def _bend(m: Any, leg: TwoLinkLeg) -> float:
     """The bend whose knee is nearer to the middle of its range, or to its place in the first keyframe."""
-    low, high = m.joint(leg.knee).range
-    limited = bool(m.jnt_limited[m.joint(leg.knee).id])
-    at = int(m.joint(leg.knee).qposadr[0])
-    if limited:
-        middle = 0.5 * (low + high)
+    knee = m.joint(leg.knee)
+    middle = 0.0
+    if m.jnt_limited[knee.id]:
+        middle = 0.5 * sum(knee.range)
     elif m.nkey:
-        middle = m.key_qpos[0][at]
-    else:
-        middle = 0.0
+        middle = m.key_qpos[0][int(knee.qposadr[0])]
     length = _BENT * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
     knees = {
         bend: float(dataclasses.replace(leg, bend=bend).angles(jnp.zeros(()), jnp.asarray(-length))[1])
@@ -245,8 +234,7 @@ def actuator_of(m: Any, joint: str) -> int:
     """
     import mujoco
 
-    turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    names = [m.jnt(int(j)).name for j in np.flatnonzero(np.isin(m.jnt_type, turning))]
+    names = [m.jnt(j).name for j in hinges_and_slides(m)]
     if joint not in names:
         raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
     numbers = [k for k in range(m.nu) if m.actuator_trnid[k, 0] == m.joint(joint).id]
@@ -260,7 +248,7 @@ def actuator_of(m: Any, joint: str) -> int:
     is_motor = m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
     has_fixed_gain = m.actuator_gaintype[k] == mujoco.mjtGain.mjGAIN_FIXED
     has_fixed_gain &= np.isin(m.actuator_dyntype[k], dynamics)
-    if not (has_fixed_gain and (is_motor or follows_targets(m, k))):
+    if not (has_fixed_gain and (is_motor or is_position_servo(m, k))):
         raise ValueError(
             f"The actuator of joint '{joint}' is neither a <position> actuator, which follows the target, "
             "nor a <motor>, which needs kp and kd in the model file."
@@ -282,13 +270,6 @@ def unit_of_joints(m: Any, joints: Sequence[str], hinge: str = "rad", slide: str
     if all(slides) and slides:
         return slide
     return f"{hinge} or {slide}" if any(slides) else hinge
-
-
-def follows_targets(m: Any, k: int) -> bool:
-    """Whether actuator `k` of a compiled MJCF is a position servo, whose control is a target."""
-    from gaitsweep.dynamics.body.body_parameters import is_position_servo
-
-    return is_position_servo(m, k)
 
 
 def control_of_legs(
@@ -313,7 +294,7 @@ def control_of_legs(
         for joint, target in targets.of_joints(model, params, place, lift).items():
             k = actuators[joint]
             gear = model.actuator_gear(params, k)
-            if follows_targets(m, k):
+            if is_position_servo(m, k):
                 controls[k] = gear * target  # the servo's length is that of its joint times its gear
                 continue
             error = target - model.position(state, joint)

@@ -26,12 +26,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, ValidationError
 
 from gaitsweep.dynamics.body.body_model import BodyModel
-from gaitsweep.dynamics.controllers.controlled_body import (
-    UNCONTROLLED,
-    ControlledBody,
-    Leg,
-    model_class,
-)
+from gaitsweep.dynamics.controllers.controlled_body import UNCONTROLLED, ControlledBody, Leg, model_class
 from gaitsweep.dynamics.controllers.leg_targets import (
     FootPath,
     FootPaths,
@@ -39,12 +34,11 @@ from gaitsweep.dynamics.controllers.leg_targets import (
     Targets,
     Waveform,
     actuator_of,
-    follows_targets,
     two_link_leg,
 )
 from gaitsweep.dynamics.controllers.oscillators import HIP, OSCILLATORS, Oscillators
 from gaitsweep.dynamics.gaits_by_footfalls import SHORTEST_CONTACT
-from gaitsweep.dynamics.mjcf import Stamps, compiled_mjcf, keyframe_number, stamps_of_mjcf
+from gaitsweep.dynamics.mjcf import Stamps, compiled_mjcf, is_position_servo, keyframe_number, stamps_of_mjcf
 from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
 from gaitsweep.errors import JobError
 from gaitsweep.near_miss import suggestion
@@ -56,8 +50,6 @@ from gaitsweep.schema.yaml_document import Document, read_document
 _FOOT = "foot"  # the entry of a leg that names its foot; the others are roles of joints
 _KNEE = "knee"
 _ROLES_OF_A_PATH = (HIP, _KNEE)
-
-
 ContactShare = Annotated[float, PlainValidator(checked(read_real, low=0.0, high=0.5))]
 
 
@@ -209,8 +201,8 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
     _refuse_gains(document, controller, actuators, m)
     targets = _targets(document, controller, legs, m)
     controlled = ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
-    if file.shortest_contact is not None and not controlled.gaits_have_names:
-        raise _error(document, f"has no effect: {controlled.remark_on_names}.", "shortest_contact")
+    if file.shortest_contact is not None and (remark := controlled.remark_on_names):
+        raise _error(document, f"has no effect: {remark}.", "shortest_contact")
     return controlled
 
 
@@ -227,6 +219,10 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
     if (controller.joints is None) == (controller.path is None):
         raise _error(document, "needs either joints: or path:.", "controller")
     legs = [_leg(document, controller, m, name) for name in controller.legs]
+    for role in controller.joints or ():
+        if not any(role in leg.joints for leg in legs):
+            text = f"moves nothing, since no leg has it: write {role}: JOINT in a leg, or leave it out."
+            raise _error(document, text, "controller", "joints", role)
     _refuse_shared(document, controller)
     for field, groups in controller.oscillators.named_legs.items():
         place = ("controller", "oscillators", field)
@@ -307,7 +303,7 @@ def _actuators(document: Document, legs: list[Leg], m: Any) -> dict[str, int]:
 
 def _refuse_gains(document: Document, controller: Controller, actuators: Mapping[str, int], m: Any) -> None:
     """Refuse motors without gains, and gains without motors; raises JobError with what to write."""
-    motors = [joint for joint, k in actuators.items() if not follows_targets(m, k)]
+    motors = [joint for joint, k in actuators.items() if not is_position_servo(m, k)]
     gains = (controller.kp, controller.kd)
     if motors and None in gains:
         text = f"needs kp: and kd:, the gains of joints with motors, such as {motors[0]}; or make it a "

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -25,19 +25,14 @@ HIP = "hip"  # role of the joint whose angle is fed back, and which a path of th
 _TURN = 2.0 * math.pi
 
 
-class LegSenses:
-    """Senses of the legs at a state, computed when they are read.
+class LegSenses(NamedTuple):
+    """Senses of the legs at a state, computed where they are read.
 
-    Args:
-        loads: a function that returns the loads (n,) on the feet, N.
-        hips: a function that returns the angles (n,) of the hips, rad, leg forward positive.
+    `loads` returns the loads (n,) on the feet, N; `hips` the angles (n,) of the hips, rad, forward positive.
     """
 
-    def __init__(
-        self, loads: Callable[[], Float[Array, " legs"]], hips: Callable[[], Float[Array, " legs"]]
-    ) -> None:
-        self.loads = loads
-        self.hips = hips
+    loads: Callable[[], Float[Array, " legs"]]
+    hips: Callable[[], Float[Array, " legs"]]
 
 
 class Oscillators(StrictModel, abc.ABC):
@@ -172,11 +167,8 @@ class PhaseOscillators(_Rhythm):
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         starts = tuple(f"delta_{leg}" for leg in legs)
-        words = "phase of leg"
-        return {
-            **self._parameters(legs),
-            "phase": variable("rad", words, starts, count=len(legs), circular=True),
-        }
+        phase = variable("rad", "phase of leg", starts, count=len(legs), circular=True)
+        return {**self._parameters(legs), "phase": phase}
 
     def rates(
         self, legs: Sequence[str], params: Any, state: Any, senses: LegSenses
@@ -342,18 +334,9 @@ class MatsuokaOscillators(Oscillators):
         """The feedback of hip angles and loads to the half-centres of n legs."""
         if self.hip is None and self.load is None:
             return 0.0
-        hips = jnp.zeros(n)
-        theta0 = 0.0
-        k1 = 0.0
-        if self.hip is not None:
-            hips = senses.hips()
-            theta0 = params.theta0
-            k1 = params.k1
-        loads = jnp.zeros(n)
-        k2 = 0.0
-        if self.load is not None:
-            loads = senses.loads()
-            k2 = params.k2
+        no_hip = jnp.zeros(n), 0.0, 0.0
+        hips, theta0, k1 = no_hip if self.hip is None else (senses.hips(), params.theta0, params.k1)
+        loads, k2 = (jnp.zeros(n), 0.0) if self.load is None else (senses.loads(), params.k2)
         return matsuoka.leg_feedback(hips, loads, theta0=theta0, k1=k1, k2=k2)
 
     def pattern(self, params: Any, state: Any) -> tuple[Float[Array, " legs"], Float[Array, " legs"]]:

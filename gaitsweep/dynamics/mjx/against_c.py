@@ -170,11 +170,8 @@ class _SideBySide:
                 i = int(np.argmax(differences > TOLERANCE))
                 before = jax.tree.map(lambda old, new: np.concatenate([old[:1], new[:-1]]), states, after)
                 cause = self._cause(i, k + 1, before, ours, controls, start.time)
-                coordinate, element = _element(self._m, i)
-                ours_at_i = float(ours[k, i])
-                theirs_at_i = float(theirs[i])
-                divergence = Divergence(name, k + 1, coordinate, element, ours_at_i, theirs_at_i, cause)
-                return divergence, largest
+                values = float(ours[k, i]), float(theirs[i])
+                return Divergence(name, k + 1, *_element(self._m, i), *values, cause), largest
             largest = max(largest, float(differences.max(initial=0.0)))
         return None, largest
 
@@ -289,9 +286,9 @@ def _at_default(model: MjcfModel) -> tuple[Any, Any]:
 
 def _defaults(quantities: Iterable[Quantity], values_before: dict[str, float]) -> dict[str, float]:
     """The defaults of quantities by name; near 1 in its bounds for one that has none."""
-    formulas: dict[str, float | str] = {}
-    for q in quantities:
-        formulas[q.name] = float(np.clip(1.0, q.low, q.high)) if q.default is None else q.default
+    formulas = {
+        q.name: float(np.clip(1.0, q.low, q.high)) if q.default is None else q.default for q in quantities
+    }
     values = resolve(formulas, values_before)
     return {name: float(values[name]) for name in formulas}
 

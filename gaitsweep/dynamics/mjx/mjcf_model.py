@@ -101,28 +101,6 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
         _ = self.stepped_body  # refuses what MJX lacks before anything is traced
         return super().initial_conditions
 
-    def positions(self, state: Any) -> Float[Array, " nq"]:
-        return state.body.q
-
-    def position(self, state: Any, joint: str) -> Float[Array, ""]:
-        """The position of a hinge (rad) or slide (m), by the joint's name."""
-        return state.body.q[self._joint_address(joint)[0]]
-
-    def rate(self, state: Any, joint: str) -> Float[Array, ""]:
-        """The velocity of a hinge (rad/s) or slide (m/s), by the joint's name."""
-        return state.body.v[self._joint_address(joint)[1]]
-
-    def _joint_address(self, joint: str) -> tuple[int, int]:
-        """The places of a hinge or slide in q and in v."""
-        import mujoco
-
-        m = compiled_mjcf(type(self))
-        turning = np.isin(m.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
-        names = [m.jnt(int(j)).name for j in np.flatnonzero(turning)]
-        if joint not in names:
-            raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
-        return int(m.joint(joint).qposadr[0]), int(m.joint(joint).dofadr[0])
-
     def length_factor(self, params: Any, joint: str) -> float:
         """The factor (1) of the lengths of the body that a joint moves: lengths are the MJCF's."""
         return 1.0

@@ -15,10 +15,10 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
+from gaitsweep.dynamics.mjcf import element_name, elements_with
 from gaitsweep.dynamics.mjx.corrections import collision_driver, mjx
 
-# Fields of MjModel with an effect where they are not zero: the field, the kind of its owner, the name in
-# MJCF. Some versions of MuJoCo do not have all of them.
+# Fields of MjModel with an effect where they are not zero: field, kind of its owner, name in MJCF.
 _ACTING = (
     ("geom_adhesion", "geom", "adhesion"),
     ("pair_adhesion", "pair", "adhesion"),
@@ -62,19 +62,18 @@ _GEOM = mujoco.mjtGeom
 _SENSOR = mujoco.mjtSensor
 _UNSEEN_BY_RANGEFINDERS = {_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_HFIELD, _GEOM.mjGEOM_SDF}
 # Pairs of shapes, the lower number first, whose contacts MJX finds with the algorithm of MuJoCo C.
+_SPHERE, _CAPSULE = _GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE
+_ON_PLANES = (_SPHERE, _CAPSULE, _GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_BOX)
 _SAME_CONTACTS = {
-    *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE)),
-    *((_GEOM.mjGEOM_PLANE, other) for other in (_GEOM.mjGEOM_ELLIPSOID, _GEOM.mjGEOM_CYLINDER)),
-    (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_BOX),
-    (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_SPHERE),
-    (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE),
-    (_GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_CAPSULE),
+    *((_GEOM.mjGEOM_PLANE, other) for other in _ON_PLANES),
+    *((_SPHERE, _SPHERE), (_SPHERE, _CAPSULE), (_CAPSULE, _CAPSULE)),
 }
 
 
 def refusals(model: mujoco.MjModel) -> list[str]:
     """A sentence for each feature of a compiled model that MJX lacks or would ignore."""
-    return [*_of_types(model), *_of_parts(model), *_of_contacts(model), *_of_options(model)]
+    groups = (_of_types, _of_sensors, _of_parts, _of_contacts, _of_options)
+    return [sentence for group in groups for sentence in group(model)]
 
 
 def cautions(model: mujoco.MjModel) -> list[str]:
@@ -124,10 +123,8 @@ def untraceable(model: mujoco.MjModel, error: Exception) -> str:
     MJX's errors do not name the sensor. Its function of sensors has their type in a local variable, which the
     traceback still holds; without that variable the sentence names no sensor.
     """
-    if str(error):
-        reason = f"{type(error).__name__}: {str(error).splitlines()[0].rstrip('.')}"
-    else:
-        reason = repr(error)
+    first = str(error).partition("\n")[0].rstrip(".")
+    reason = f"{type(error).__name__}: {first}" if first else repr(error)
     trace = error.__traceback__
     names = ""
     while trace is not None:
@@ -149,12 +146,10 @@ def _of_types(m: mujoco.MjModel) -> Iterator[str]:
             elif number not in set(supported) or ignored:
                 has = f"has {type_name}" if type_name else "is of type "
                 yield f"{named(m, kind, i)} {has}{_words(all_types(number))}, which MJX does not have."
-    yield from _of_contact_sensors(m)
-    yield from _of_rangefinders(m)
 
 
-def _of_contact_sensors(m: mujoco.MjModel) -> Iterator[str]:
-    """Sensors of contacts that MJX computes otherwise."""
+def _of_sensors(m: mujoco.MjModel) -> Iterator[str]:
+    """Sensors of contacts and distances that MJX computes otherwise."""
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_CONTACT):
         ends = {mujoco.mjtObj(t) for t in (m.sensor_objtype[i], m.sensor_reftype[i])}
         others = ends - {mujoco.mjtObj.mjOBJ_UNKNOWN, mujoco.mjtObj.mjOBJ_GEOM}
@@ -163,10 +158,6 @@ def _of_contact_sensors(m: mujoco.MjModel) -> Iterator[str]:
             yield f"{named(m, 'sensor', int(i))} is of contacts by {kinds}, but MJX has them by geom only."
         elif m.sensor_intprm[i, 1] == _NETFORCE:
             yield f"{named(m, 'sensor', int(i))} reduces contacts by netforce, which MJX does not have."
-
-
-def _of_rangefinders(m: mujoco.MjModel) -> Iterator[str]:
-    """Rangefinders that give more than one distance, or look at shapes that MJX does not see."""
     unseen = {int(shape) for shape in m.geom_type} & _UNSEEN_BY_RANGEFINDERS
     for i in np.flatnonzero(m.sensor_type == _SENSOR.mjSENS_RANGEFINDER):
         if m.sensor_objtype[i] != mujoco.mjtObj.mjOBJ_SITE or m.sensor_dim[i] != 1:
@@ -202,13 +193,11 @@ def _condim(m: mujoco.MjModel, one: int, other: int, pair: int) -> int:
 def _of_parts(m: mujoco.MjModel) -> Iterator[str]:
     """Elements with features that MJX ignores."""
     for field, kind, feature in _ACTING:
-        values = np.asarray(getattr(m, field, ()))  # some versions of MuJoCo do not have the field
-        acting = values.reshape(len(values), -1).any(axis=1) if values.size else values
-        for i in np.flatnonzero(acting):
-            yield f"{named(m, kind, int(i))} has {feature}, which MJX ignores."
+        for i in elements_with(m, field):
+            yield f"{named(m, kind, i)} has {feature}, which MJX ignores."
     for kind in ("body", "geom", "actuator"):
-        for i in np.flatnonzero(np.asarray(getattr(m, f"{kind}_plugin", ())) >= 0):
-            yield f"{named(m, kind, int(i))} has a plugin, which MJX ignores."
+        for i in elements_with(m, f"{kind}_plugin", -1.0):
+            yield f"{named(m, kind, i)} has a plugin, which MJX ignores."
     for kind, limited in (("jnt", m.jnt_limited), ("tendon", m.tendon_limited)):
         width = np.diff(getattr(m, f"{kind}_range"))[:, 0] if len(limited) else np.zeros(0)
         # of both limits within their margins MJX takes the nearer; the range of a ball begins at 0
@@ -267,8 +256,7 @@ def _name(m: mujoco.MjModel, kind: str, number: int) -> str:
     """The name of an element, or its kind and number where it has none."""
     if kind == "dof":
         number = int(m.dof_jntid[number])
-    word = _WORDS.get(kind, kind)
-    return getattr(m, word)(number).name or f"{word} {number}"
+    return element_name(m, _WORDS.get(kind, kind), number)
 
 
 def _shape(m: mujoco.MjModel, geom: int) -> mujoco.mjtGeom:

@@ -57,7 +57,9 @@ class Variants:
         changing: set[str] = set()
         for name in usual:
             fields = self._compiled(tuple({**usual, name: _CHANGE * usual[name]}.values()))
-            changing |= {field for field, value in fields.items() if not _same(value, self._usual[field])}
+            changing |= {
+                field for field, value in fields.items() if not np.array_equal(value, self._usual[field])
+            }
         if fixed := changing & (self._usual.keys() - _DYNAMIC):
             raise ArgumentError(f"MJX cannot take {', '.join(sorted(fixed))} of a body from row to row.")
         self.fields = tuple(sorted(changing))
@@ -92,7 +94,7 @@ class Variants:
     def _varying_fields(self, values: tuple[float, ...]) -> Fields:
         """The fields of the body with these values; refuses one that changes others."""
         fields = self._compiled(values)
-        moved = [name for name, value in fields.items() if not _same(value, self._usual[name])]
+        moved = [name for name, value in fields.items() if not np.array_equal(value, self._usual[name])]
         if astray := set(moved) - set(self.fields):
             raise self._error(values, f"MJX cannot take {', '.join(sorted(astray))}")
         return {name: fields[name] for name in self.fields}
@@ -154,8 +156,3 @@ def _fields() -> tuple[str, ...]:
 _FIELDS = _fields()
 # Fields that a compiled program can take as inputs.
 _DYNAMIC = {field.name for field in mjx.Model.fields() if field.type is jax.Array}
-
-
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two arrays have the same shape and numbers."""
-    return one.shape == other.shape and np.array_equal(one, other)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.mjcf import compiled
+from gaitsweep.dynamics.mjcf import compiled, element_name, named
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
 
 _KINDS: dict[int, Kind] = {
@@ -72,9 +72,9 @@ def _link(m: mujoco.MjModel, body: int, j: int | None, parent: int, begins: bool
     kind = "fixed" if j is None else _KINDS[int(m.jnt_type[j])]
     axis = _row(m.jnt_axis[j]) if kind in ("hinge", "slide") else (0.0, 0.0, 0.0)
     turn = _rotation(m.body_quat[body]) if begins and kind != "free" else np.eye(3)
-    name = _name(m.body(body).name, "body", body)
+    name = element_name(m, "body", body)
     if j is not None and not ends:
-        name = f"{name}/{_name(m.jnt(j).name, 'joint', j)}"
+        name = f"{name}/{element_name(m, 'joint', j)}"
     return Link(name, parent, kind, axis, (_row(turn[0]), _row(turn[1]), _row(turn[2])))
 
 
@@ -112,42 +112,41 @@ def _complaints(m: mujoco.MjModel) -> Iterator[str]:
     ):
         if number:
             name = mujoco.mj_id2name(m, kind, 0)
-            named = f" '{name}'" if name else ""
-            yield f"The model has {element}{named}, {_UNSUPPORTED}: remove it."
+            quoted = f" '{name}'" if name else ""
+            yield f"The model has {element}{quoted}, {_UNSUPPORTED}: remove it."
     if m.opt.density or m.opt.viscosity:
         yield f"The model moves in a fluid (option density or viscosity), {_UNSUPPORTED}."
     for body in range(1, m.nbody):
-        name = _name(m.body(body).name, "body", body)
         if m.body_mocapid[body] >= 0:
-            yield f"Body '{name}' is a mocap body, {_UNSUPPORTED}: remove mocap."
+            yield f"{named(m, 'body', body)} is a mocap body, {_UNSUPPORTED}: remove mocap."
         if m.body_gravcomp[body]:
-            yield f"Body '{name}' has gravcomp, {_UNSUPPORTED}: apply its force instead."
+            yield f"{named(m, 'body', body)} has gravcomp, {_UNSUPPORTED}: apply its force instead."
         if m.body_plugin[body] >= 0:
-            yield f"Body '{name}' has a plugin, {_UNSUPPORTED}."
+            yield f"{named(m, 'body', body)} has a plugin, {_UNSUPPORTED}."
     for j in range(m.njnt):
         yield from _of_joint(m, j)
     for k in range(m.nu):
         if m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any():
-            name = _name(m.actuator(k).name, "actuator", k)
-            yield f"Actuator '{name}' has armature or damping of its own: give them to the joint instead."
+            own = "has armature or damping of its own: give them to the joint instead"
+            yield f"{named(m, 'actuator', k)} {own}."
 
 
 def _of_joint(m: mujoco.MjModel, j: int) -> Iterator[str]:
     """A sentence for each feature of joint `j` that the tree does not support."""
-    name = _name(m.jnt(j).name, "joint", j)
+    joint = named(m, "joint", j)
     kind = m.jnt_type[j]
     dof = m.jnt_dofadr[j]
     unconstrained = m.opt.disableflags & _OFF.mjDSBL_CONSTRAINT
     if kind == mujoco.mjtJoint.mjJNT_BALL:
-        yield f"Joint '{name}' is a ball joint, {_UNSUPPORTED}: use three hinges."
+        yield f"{joint} is a ball joint, {_UNSUPPORTED}: use three hinges."
     if m.jnt_limited[j] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_LIMIT):
-        yield f"Joint '{name}' has a limit, {_UNSUPPORTED}: remove its range."
+        yield f"{joint} has a limit, {_UNSUPPORTED}: remove its range."
     if m.dof_frictionloss[dof] and not (unconstrained or m.opt.disableflags & _OFF.mjDSBL_FRICTIONLOSS):
-        yield f"Joint '{name}' has frictionloss, {_UNSUPPORTED}: use damping."
+        yield f"{joint} has frictionloss, {_UNSUPPORTED}: use damping."
     if m.jnt_stiffnesspoly[j].any() or m.dof_dampingpoly[dof].any() or m.jnt_plasticadr[j] >= 0:
-        yield f"Joint '{name}' has a spring or damper that is not linear: apply its force instead."
+        yield f"{joint} has a spring or damper that is not linear: apply its force instead."
     if kind == mujoco.mjtJoint.mjJNT_FREE and m.jnt_stiffness[j]:
-        yield f"Joint '{name}' is free and has a spring, {_UNSUPPORTED}: apply its force instead."
+        yield f"{joint} is free and has a spring, {_UNSUPPORTED}: apply its force instead."
 
 
 def _rotation(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
@@ -167,8 +166,3 @@ def _dusted(values: np.ndarray) -> np.ndarray:
     """Values of which those within `_DUST` of a whole number are that number."""
     rounded = np.round(values)
     return np.where(np.abs(values - rounded) < _DUST, rounded, values)
-
-
-def _name(name: str, kind: str, number: int) -> str:
-    """The name of an element in messages and links; its kind and number if it has none."""
-    return name or f"{kind} {number}"

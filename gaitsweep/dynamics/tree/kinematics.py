@@ -242,9 +242,7 @@ def integrate(tree: Tree, q: Float[Array, " nq"], v: Float[Array, " nv"], dt: Sc
     return jnp.concatenate(pieces)
 
 
-def tilt_and_heading(
-    quaternion: Float[Array, " 4"],
-) -> tuple[Float[Array, " 2"], Float[Array, "2 2"]]:
+def tilt_and_heading(quaternion: Float[Array, " 4"]) -> tuple[Float[Array, " 2"], Float[Array, "2 2"]]:
     """The tilt of a free body and its heading.
 
     Returns:
