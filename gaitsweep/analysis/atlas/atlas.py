@@ -258,18 +258,12 @@ class BranchAtlas:
         images = half.images(points.points, problem[np.zeros(len(records), int)].values_at(points.parameter))
         return images.sound & (self.mapping.distance(points.points.at, images.points.at) < ON_BRANCH)
 
-    def follow_curves(
-        self,
-        second: str,
-        within: Sequence[float],
-        steps: ArclengthSteps | None = None,
-    ) -> pd.DataFrame:
+    def follow_curves(self, second: str, within: Sequence[float]) -> pd.DataFrame:
         """Follow the bifurcations of all branches in the plane of the parameter and a second one.
 
         Args:
             second: the name of the second parameter; its value at the branches is that of `values`.
             within: its range, two numbers.
-            steps: lengths and number of the steps; by default those of the branches.
 
         Returns:
             One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
@@ -278,7 +272,7 @@ class BranchAtlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         plane = SecondParameter(second, float(min(within)), float(max(within)))
-        records = plane_curves(self.mapping, self.branches, self.within, plane, steps or self.steps)
+        records = plane_curves(self.mapping, self.branches, self.within, plane, self.steps)
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
 
@@ -290,11 +284,7 @@ def _directed(first: BranchPoints, sign: int) -> BranchPoints:
 
 def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints | None:
     """A point on the branch of twice the period beside a flip (1,), with the tangent away from it."""
-    scale = np.zeros_like(problem.weights[0])
-    size = flip.points.at.shape[1]
-    scale[:size] = doubled_direction(flip)
-    for length in BESIDE_FLIP:
-        aside = beside(problem, flip, [Way(flip.points, scale)], length)
-        if aside is not None:
-            return aside
-    return None
+    tangent = np.zeros_like(problem.weights[0])
+    tangent[: flip.points.at.shape[1]] = doubled_direction(flip)
+    asides = (beside(problem, flip, [Way(flip.points, tangent)], length) for length in BESIDE_FLIP)
+    return next((aside for aside in asides if aside is not None), None)

@@ -326,9 +326,7 @@ def _beyond(
     parameter = before.parameter + change[:, -1]
     size = before.points.at.shape[1]
     starts = Points(before.points.at + change[:, :size], before.points.modes)
-    names = [problem.mapping.conserved[k].name for k in problem.constraints.which]
-    fix = dict(zip(names, problem.constraints.values.T, strict=True))
-    values = problem.values_at(parameter)
+    fix, values = problem.fixed_values(), problem.values_at(parameter)
     fixed = newton(problem.mapping, starts, values, fix=fix, most=10)
     good = np.flatnonzero(fixed.converged)
     if not good.size:
@@ -340,8 +338,5 @@ def _beyond(
 
 def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
     """The weighted distance between branch points, (n,)."""
-    change = np.zeros_like(problem.weights)
-    size = a.points.at.shape[1]
-    change[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
-    change[:, -1] = a.parameter - b.parameter
+    change = problem.change(b.points.at, b.parameter, a.points.at, a.parameter)
     return np.sqrt(np.sum(problem.weights * change**2, axis=1))
