@@ -208,9 +208,7 @@ class Measure(StrictModel):
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
     angle_field: ClassVar[str | None] = None  # its field for a column, whose value is an angle if that is one
-    unit_field: ClassVar[str | None] = (
-        None  # its field for a column, formula or parameter, for the unit
-    )
+    unit_field: ClassVar[str | None] = None  # its field for a column, formula or parameter, for the unit
     runs: ClassVar[tuple[type[RunKind], ...]] = ()  # run kinds that its field `run` may name
 
     at: Conditions = Field(description="parameters and starts of its rows by name; lists multiply")

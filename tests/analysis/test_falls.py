@@ -153,6 +153,8 @@ def test_other_ends_and_arguments_are_refused() -> None:
         steps_to_fall(table, level=2.0)
     with pytest.raises(AnalysisError, match="roughnes"):
         steps_to_fall(table, "roughnes")
+    with pytest.raises(AnalysisError, match="1 rows have no number of cycles"):
+        survival(pd.DataFrame({"cycles": [10, np.nan], "status": "fell"}))
 
 
 def test_the_chance_of_a_fall_is_that_of_a_window_and_at_most_one() -> None:

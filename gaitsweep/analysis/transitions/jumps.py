@@ -203,7 +203,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         )
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
-    table = table.loc[sound(table, name, parameter)]
+    table = table.loc[sound(table, name, parameter, "pass")]
     values = table[name].to_numpy(float)
     values = unwrap_from(values, branch_cut(values)) if circular and len(values) else values
     large = LEAST_SHARE * float(np.ptp(values)) if len(values) else 0.0
