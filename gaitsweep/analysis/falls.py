@@ -149,7 +149,7 @@ def _walks(
     require_numbers(table, "cycles")
     if table.empty:
         raise AnalysisError("The table has no rows.")
-    if without := int(table["cycles"].isna().sum()):
+    if without := np.count_nonzero(table["cycles"].isna()):
         raise AnalysisError(f"{without} rows have no number of cycles: leave them out.")
     status = table["status"].astype(str).to_numpy()
     fell, lasted = status == Status.fell.name, status == Status.complete.name

@@ -20,7 +20,6 @@ from gaitsweep.analysis.atlas.branch import (
     ON_BRANCH,
     Branch,
     BranchStart,
-    HalfBranch,
     Record,
     branch_table,
     record_of,
@@ -140,7 +139,7 @@ class BranchAtlas:
             of_period = list(group)
             halves = self._halves(of_period, period)
             for start, halves_of_start in zip(of_period, halves, strict=True):
-                branch = Branch.of_halves(start, halves_of_start)
+                branch = Branch.of_halves(halves_of_start)
                 followed.append((start, self._without_image(start, branch)))
         for start, branch in followed:
             if not self._unpassed([start]):
@@ -197,7 +196,7 @@ class BranchAtlas:
                 return before if int(np.argmin(away)) <= place else after
         return branch
 
-    def _halves(self, starts: Sequence[BranchStart], period: int) -> list[list[HalfBranch]]:
+    def _halves(self, starts: Sequence[BranchStart], period: int) -> list[list[Branch]]:
         """The halves of branches of orbits of one period: one for each direction of each start."""
         directed = [(k, sign) for k, start in enumerate(starts) for sign in start.directions]
         if not directed:
@@ -210,27 +209,28 @@ class BranchAtlas:
         crossings: dict[int, list[BranchPoints | None]] = {}
         for crossing in follower.crossings:
             crossings.setdefault(crossing.branch, []).append(crossing.aside)
-        halves: list[list[HalfBranch]] = [[] for _ in starts]
+        halves: list[list[Branch]] = [[] for _ in starts]
         for number, (k, _) in enumerate(directed):
             of_half = problem[np.array([number])]
-            half = self._half(of_half, table.records(number), crossings.get(number, []), period)
+            half = self._half(starts[k], of_half, table.records(number), crossings.get(number, []))
             halves[k].append(half)
         return halves
 
     def _half(
         self,
+        start: BranchStart,
         problem: ContinuationProblem,
         records: list[Record],
         crossings: list[BranchPoints | None],
-        period: int,
-    ) -> HalfBranch:
-        """The half with these records, up to the flip of its parent if it ends there.
+    ) -> Branch:
+        """The half with these records from a start, up to the flip of its parent if it ends there.
 
         `crossings` are the points on the crossing branches at each of its branch points, in order.
         """
         asides: dict[int, BranchPoints] = {}
         waiting = iter(crossings)
-        halved = self._halved(problem, records, period)
+        halved = self._halved(problem, records, start.period)
+        branch = Branch(start.row, start.period, start.depth, start.begins, problem, records, asides)
         for place, record in enumerate(records):
             special = record["special"]
             if special in CROSSINGS and (aside := next(waiting, None)) is not None:
@@ -241,11 +241,11 @@ class BranchAtlas:
                 asides.pop(place, None)
                 if special in MARKS:
                     record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
-                    return HalfBranch(problem, records[: place + 1], asides)
+                    return branch.part(0, place + 1)
                 # a leap over a corner of the map led to the branch of half the period
                 records[place - 1]["end"] = "lost"
-                return HalfBranch(problem, records[:place], asides)
-        return HalfBranch(problem, records, asides)
+                return branch.part(0, place)
+        return branch
 
     def _halved(
         self, problem: ContinuationProblem, records: list[Record], period: int

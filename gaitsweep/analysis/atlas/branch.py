@@ -75,15 +75,6 @@ class BranchStart:
     orbit: Points
 
 
-@dataclasses.dataclass(frozen=True)
-class HalfBranch:
-    """A branch in one direction from its first point; the attributes are those of `Branch`."""
-
-    problem: ContinuationProblem
-    records: list[Record]
-    asides: dict[int, BranchPoints]
-
-
 @dataclasses.dataclass
 class Branch:
     """A branch of periodic orbits of one row.
@@ -120,22 +111,18 @@ class Branch:
         if (aside := self.asides.get(place)) is not None:
             yield from (aside[[k]] for k in range(len(aside.parameter)))
 
-    @classmethod
-    def of_halves(cls, start: BranchStart, halves: list[HalfBranch]) -> Branch:
-        """The branch of one half, or of two halves of which the first is reversed."""
+    @staticmethod
+    def of_halves(halves: list[Branch]) -> Branch:
+        """The branch of one half, or of two from the same first point, of which the first is reversed."""
         # a closed branch is followed as a whole in either direction
-        if len(halves) == 2 and halves[1].records[-1]["end"] == "closed":
-            halves = halves[1:]
-        records, asides = halves[-1].records, halves[-1].asides
-        if len(halves) == 2:
-            back = halves[0]
-            last = len(back.records) - 1
-            records = [*_reversed(back.records, records[0]), *records]
-            asides = {
-                **{last - place: aside for place, aside in back.asides.items()},
-                **{last + place: aside for place, aside in asides.items()},
-            }
-        return cls(start.row, start.period, start.depth, start.begins, halves[0].problem, records, asides)
+        if len(halves) == 1 or halves[1].records[-1]["end"] == "closed":
+            return halves[-1]
+        back, forth = halves
+        last = len(back.records) - 1
+        asides = {last - place: aside for place, aside in back.asides.items()}
+        asides |= {last + place: aside for place, aside in forth.asides.items()}
+        records = [*_reversed(back.records, forth.records[0]), *forth.records]
+        return dataclasses.replace(forth, records=records, asides=asides)
 
     def place_of(self, points: Points, parameter: float) -> int | None:
         """The record after which it passes one of these points (n,) at a parameter's value, or None."""

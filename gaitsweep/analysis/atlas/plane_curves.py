@@ -63,7 +63,7 @@ def _bifurcation_curves(
     mapping: Map, branches: Sequence[Branch], second: SecondParameter, steps: ArclengthSteps
 ) -> list[_BranchCurve]:
     """The curves through the bifurcations of all branches, each once."""
-    found = [
+    bifurcations = [
         (branch, place)
         for branch in branches
         for place, record in enumerate(branch.records)
@@ -73,10 +73,10 @@ def _bifurcation_curves(
         bifurcation_curve(
             branch.problem, branch.point(place), branch.records[place]["special"], second, steps
         )
-        for branch, place in found
+        for branch, place in bifurcations
     ]
     curves: list[_BranchCurve] = []
-    for (branch, place), curve in zip(found, in_lockstep(computations), strict=True):
+    for (branch, place), curve in zip(bifurcations, in_lockstep(computations), strict=True):
         orbits = [] if curve is None else _orbit_and_images(mapping, branch, place)
         if curve is None or not orbits:
             continue

@@ -196,8 +196,8 @@ class ContinuationProblem:
         followed = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
         # a branch cannot continue where the map has no derivative; the other branches can
         count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
-        on = np.flatnonzero(count[rows])
-        return branch_points.merged(rows[on], followed[on]), count > 0
+        converged = np.flatnonzero(count[rows])
+        return branch_points.merged(rows[converged], followed[converged]), count > 0
 
     def _correct(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch

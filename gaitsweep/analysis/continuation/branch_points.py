@@ -316,5 +316,5 @@ def beside(
     images = problem[first].evaluated(points, parameter)
     drift = at.drift + change[:, size:-1]
     guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[first])
-    corrected, ok = problem[first].step(guess, np.zeros(len(ways)))
-    return corrected[np.flatnonzero(ok)] if ok.any() else None
+    corrected, converged = problem[first].step(guess, np.zeros(len(ways)))
+    return corrected[np.flatnonzero(converged)] if converged.any() else None
