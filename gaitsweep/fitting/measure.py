@@ -199,6 +199,16 @@ class Measured(NamedTuple):
 
 
 MeasuredByName = dict[str, Measured]
+
+
+def reasons_of_sets(measured: MeasuredByName) -> list[str]:
+    """Return, for each set (n,), the measures without a value and why they have none; "" without any."""
+    return [
+        "; ".join(f"{name}: {why}" for name, why in zip(measured, of_set, strict=True) if why)
+        for of_set in zip(*(result.why for result in measured.values()), strict=True)
+    ]
+
+
 # Columns of the rows of n sets: (n, conditions) each, names as text.
 SetRows = Mapping[str, Shaped[np.ndarray, "sets conditions"]]
 

@@ -116,10 +116,8 @@ class Transition(RampMeasure):
         why = np.full(len(rows), "", object)
         for number, rows_of_set in enumerate(rows):
             transitions = [self._transition(row, model) for row in rows_of_set]
-            reasons = [reason for _, reason in transitions if reason]
-            if reasons:
-                why[number] = reasons[0]
-            else:
+            why[number] = next((reason for _, reason in transitions if reason), "")
+            if not why[number]:
                 values[number] = np.mean([value for value, _ in transitions])
         return Measured(values, why)
 
@@ -137,7 +135,8 @@ class Transition(RampMeasure):
             if before.code == _FROM and after.code == _TO:
                 by_own_name = dict(zip(_own_names(columns, model), columns.values(), strict=True))
                 values = column(self.quantity, by_own_name)
-                return float(0.5 * (values[before.last] + values[after.first])), ""
+                value = float(0.5 * (values[before.last] + values[after.first]))
+                return value, "" if np.isfinite(value) else f"{self.quantity} is missing"
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
     @property
