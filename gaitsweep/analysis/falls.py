@@ -9,7 +9,14 @@ import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.basins.fractions import LEVEL, check_level, proportion_interval
-from gaitsweep.analysis.records import AnalysisError, names_in, panels_of, require, with_constants
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    names_in,
+    panels_of,
+    require,
+    require_numbers,
+    with_constants,
+)
 from gaitsweep.status import Status
 
 # Largest share of rows whose run may end before they have made the steps or fallen.
@@ -129,13 +136,21 @@ def survival(
 def _walks(
     table: pd.DataFrame | Sequence[pd.DataFrame], by: str | Sequence[str], level: float
 ) -> tuple[pd.DataFrame, list[str], Bool[np.ndarray, " rows"]]:
-    """The table of all tables, the names of `by`, and which rows fell; refuses rows with another end."""
+    """The table of all tables, the names of `by`, and which rows fell.
+
+    Raises:
+        AnalysisError: the table does not have a column or a row, or rows ended in another way or lack
+            `cycles`.
+    """
     by = names_in(by)
     check_level(level)
     table = with_constants(table, by)
-    require(table, "status", "cycles", *by)
+    require(table, "status", *by)
+    require_numbers(table, "cycles")
     if table.empty:
         raise AnalysisError("The table has no rows.")
+    if without := np.count_nonzero(table["cycles"].isna()):
+        raise AnalysisError(f"{without} rows have no number of cycles: leave them out.")
     status = table["status"].astype(str).to_numpy()
     fell, lasted = status == Status.fell.name, status == Status.complete.name
     if len(wrong := np.flatnonzero(~fell & ~lasted)):

@@ -31,8 +31,8 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.pushed_model import Place
 from gaitsweep.errors import ArgumentError
 
-# The largest distance of a multiplier from 1 that counts as that of a family of gaits, and the largest share
-# of the period by which that may change along the family, for a change of 1 in its unit.
+# The largest distance of a multiplier from 1 that counts as that of a family of gaits, and the largest change
+# of the period along the family, as a share of the period for a unit vector of coordinates.
 NEUTRAL = 1e-6
 
 
@@ -58,44 +58,54 @@ def phase_response(
         The response (phases, variables), as a share of the gait's period per unit of each variable.
 
     Raises:
-        ArgumentError: the gait is unstable, or belongs to a family along which its period changes.
+        ArgumentError: the gait does not return to the section, is unstable, or belongs to a family along
+            which its period changes.
     """
     complete = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     at, modes = jnp.asarray(gait.at[0]), jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), gait.modes)
-    cycles, crossings = _cycle(mapping), []
-    for _ in range(period):
-        (t, image), (g, m), state = cycles(complete, at, modes)
-        crossings.append((at, modes, float(t), np.asarray(g), np.asarray(m)))
+    one_return, crossings = _one_return(mapping), []
+    times, gradients, jacobians = [], [], []
+    for crossing in range(period):
+        (t, image), (gradient, jacobian), (state, status) = one_return(complete, at, modes)
+        _require_crossing(status, crossing / period)
+        crossings.append((at, modes))
+        times.append(float(t))
+        gradients.append(np.asarray(gradient))
+        jacobians.append(np.asarray(jacobian))
         at, modes = image, state
-    times = np.array([t for _, _, t, _, _ in crossings])
-    total = float(times.sum())
+    total = float(np.sum(times))
     begins = np.concatenate([[0.0], np.cumsum(times)])  # the time of each crossing
-    delays = _delays([g for *_, g, _ in crossings], [m for *_, m in crossings], total)
-    programs = _pushed(mapping, tuple(variables))
+    delays = _delays(gradients, jacobians, total)
+    pushed = _pushed(mapping, tuple(variables))
     response = np.zeros((len(phases), len(variables)))
-    for k, share in enumerate(phases):
-        crossing = int(np.clip(np.searchsorted(begins, share * total, side="right") - 1, 0, period - 1))
-        at, modes = crossings[crossing][:2]
-        late, moved, status = programs(complete, at, modes, share * total - begins[crossing])
-        if int(status) != ReturnStatus.crossed:
-            raise ArgumentError(
-                f"The gait has no crossing after phase {share:g}: {ReturnStatus(int(status)).name}."
-            )
+    for k, phase in enumerate(phases):
+        crossing = int(np.clip(np.searchsorted(begins, phase * total, side="right") - 1, 0, period - 1))
+        late, moved, status = pushed(complete, *crossings[crossing], phase * total - begins[crossing])
+        _require_crossing(status, phase)
         response[k] = -(np.asarray(late) + delays[crossing] @ np.asarray(moved)) / total
     return response
 
 
+def _require_crossing(status: Any, phase: float) -> None:
+    """Refuse a trajectory that does not cross the section after a phase of the gait."""
+    if (code := ReturnStatus(int(status))) != ReturnStatus.crossed:
+        raise ArgumentError(f"The gait has no crossing after phase {phase:g}: {code.name}.")
+
+
 def _delays(
-    g: Sequence[Float[np.ndarray, " coordinates"]],
-    m: Sequence[Float[np.ndarray, "coordinates coordinates"]],
+    gradients: Sequence[Float[np.ndarray, " coordinates"]],
+    jacobians: Sequence[Float[np.ndarray, "coordinates coordinates"]],
     total: float,
 ) -> list[Float[np.ndarray, " coordinates"]]:
     """The final delay (s) per displacement of the crossing that follows each of a gait's crossings.
 
-    `g` and `m` are the derivatives, at each crossing, of the time to the next one and of its coordinates.
+    Args:
+        gradients, jacobians: the derivatives, at each crossing, of the time (s) to the next one and of its
+            coordinates.
+        total: the gait's period, s.
     """
-    matrix, gradient = np.eye(len(g[0])), np.zeros(len(g[0]))
-    for of_time, of_coordinates in zip(g, m, strict=True):
+    matrix, gradient = np.eye(len(gradients[0])), np.zeros(len(gradients[0]))
+    for of_time, of_coordinates in zip(gradients, jacobians, strict=True):
         gradient = gradient + of_time @ matrix
         matrix = of_coordinates @ matrix
     multipliers, right = np.linalg.eig(matrix)
@@ -119,26 +129,26 @@ def _delays(
     delay = np.linalg.solve((np.eye(len(matrix)) - matrix + projector).T, gradient)
     # that of the first crossing follows the last one
     delays = [delay]
-    for of_time, of_coordinates in zip(reversed(g[1:]), reversed(m[1:]), strict=True):
+    for of_time, of_coordinates in zip(reversed(gradients[1:]), reversed(jacobians[1:]), strict=True):
         delay = of_time + of_coordinates.T @ delay
         delays.append(delay)
     return delays[::-1]
 
 
 @cached_by_content(maxsize=16)
-def _cycle(mapping: BatchedReturnMap) -> Callable[..., Any]:
-    """The function `(values, at, modes) -> ((t, image), derivatives, state)` of one return."""
+def _one_return(mapping: BatchedReturnMap) -> Callable[..., Any]:
+    """The function `(values, at, modes) -> ((t, image), derivatives, (state, status))` of one return."""
 
     def one(values: Any, at: Coordinates, modes: State) -> Any:
         params = mapping.params(values)
 
         def returned(at: Coordinates) -> Any:
-            t, state, _ = mapping.state(params, mapping.chart.from_coordinates(params, at, modes))
+            t, state, status = mapping.state(params, mapping.chart.from_coordinates(params, at, modes))
             image = mapping.chart.to_coordinates(params, state)
-            return (t, image), ((t, image), state)
+            return (t, image), ((t, image), (state, status))
 
-        derivatives, (image, state) = jax.jacfwd(returned, has_aux=True)(at)
-        return image, derivatives, state
+        derivatives, (image, end) = jax.jacfwd(returned, has_aux=True)(at)
+        return image, derivatives, end
 
     return jax.jit(one)
 

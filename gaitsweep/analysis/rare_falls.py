@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -185,21 +185,20 @@ def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
         rounds: rounds of windows.
         half: the share of the distribution of the mean below the upper end of its interval.
     """
-    counts, windows = [], []
+    windows, totals = [], [walk.plain]
     for _ in range(rounds):
-        before = walk.plain
         windows.append(walk.windows(1.0, 1))
-        counts.append(walk.plain.since(before))
-    chances = np.array([count.fell / count.tried for count in counts])
+        totals.append(walk.plain)
+    tried, fell, undecided = np.diff(totals, axis=0).T
+    chances = fell / tried
     chance = float(chances.mean())
     error = float(chances.std(ddof=1)) / np.sqrt(rounds)
     width = scipy.stats.t.ppf(half, rounds - 1) * error / chance
-    undecided = sum(count.undecided for count in counts) / sum(count.tried for count in counts)
     return RareFalls(
         chance=chance,
         low=chance * np.exp(-width),
-        high=min(1.0, chance * np.exp(width) + undecided),
-        falls=sum(count.fell for count in counts),
+        high=min(1.0, chance * np.exp(width) + undecided.sum() / tried.sum()),
+        falls=int(fell.sum()),
         scale=1.0,
         simulated=walk.simulated,
         way_out=_way_out(_Windows.joined(windows), walk.steps),
@@ -221,25 +220,24 @@ def _counted_steps(steps: int) -> range:
 
 
 def _hazard(chance: float, steps: int) -> float:
-    """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps."""
+    """The chance p of a fall in a step, from the mean chance p (1 - p)^k to fall after k steps.
+
+    It is 1 where no p gives so large a mean chance.
+    """
     hazard = chance
-    for _ in range(100):  # a contraction, since falls within a window are few
+    for _ in range(100):  # a contraction where falls within a window are few
+        if hazard >= 1.0:
+            return 1.0
         hazard = chance / float(np.mean((1.0 - hazard) ** np.array(_counted_steps(steps))))
     return hazard
 
 
-@dataclasses.dataclass(frozen=True)
-class _PlainSteps:
+class _PlainSteps(NamedTuple):
     """Steps with the noise itself: how many were tried, ended by a fall, and had no end in time."""
 
     tried: int = 0
     fell: int = 0
     undecided: int = 0
-
-    def since(self, before: _PlainSteps) -> _PlainSteps:
-        """The steps that are not among those of `before`."""
-        undecided = self.undecided - before.undecided
-        return _PlainSteps(self.tried - before.tried, self.fell - before.fell, undecided)
 
 
 class _Walk:
@@ -262,7 +260,6 @@ class _Walk:
         steps: int,
     ) -> None:
         self._noise, self._seed, self.steps = noise, seed, steps
-        self._own = float(mapping.complete(values, 1)[noise][0])
         self._values = mapping.complete(values, ROWS)
         self._step = _stepper(mapping, draws)
         self._next_seed = 1
@@ -286,8 +283,8 @@ class _Walk:
 
         Rows that do not walk any more have no meaning.
         """
-        values = {**self._values, self._seed: self._seeds()}
-        values[self._noise] = np.full(ROWS, scale * self._own)
+        noise = scale * self._values[self._noise]
+        values = {**self._values, self._seed: self._seeds(), self._noise: noise}
         self.simulated += ROWS
         moved, status, drawn = jax.tree.map(np.asarray, self._step(values, states))
         for _ in range(_SLOW):

@@ -26,7 +26,7 @@ from gaitsweep.table import own_folder, replace_file
 # The figures, in their order.
 FIGURES = ("convergence", "constants", "misses")
 
-_ORANGE, _BLUE = theme.SPARE_COLOURS[:2]
+_ORANGE, _BLUE, _GREEN = theme.SPARE_COLOURS[:3]
 _GREY = "#BBBBBB"
 _DARK_GREY = "#555555"
 _LIGHT_GREY = "#EDEDED"
@@ -203,7 +203,6 @@ def _least_of_each(search: Search, table: pd.DataFrame) -> pd.DataFrame:
     return table.loc[list(dict.fromkeys(rows))]
 
 
-_BLUE, _ORANGE, _GREEN = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's
 # Indices that are drawn, by method: the words of the legend and the colour.
 _DRAWN = {
     "one_at_a_time": {"change_low": ("at the low end", _BLUE), "change_high": ("at the high end", _ORANGE)},

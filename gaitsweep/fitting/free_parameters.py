@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
@@ -35,15 +36,16 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         if self.choices is not None:
             if self.low is not None or self.high is not None or self.log or self.whole:
                 raise wrong_value("has choices, and a range as well: give one of the two.")
-            texts = [str(choice) for choice in self.choices]
-            repeated = [text for text in texts if texts.count(text) > 1]
-            if repeated:
-                raise wrong_value(f"has the choice {repeated[0]} twice.")
+            (text, count), *_ = Counter(map(str, self.choices)).most_common(1)
+            if count > 1:
+                raise wrong_value(f"has the choice {text} twice.")
             return self
         if self.low is None or self.high is None:
             raise wrong_value("needs low and high, or choices.")
         if not self.low < self.high:
             raise wrong_value(f"goes from {self.low:g} to {self.high:g}: low is below high.")
+        if self.log and self.whole:
+            raise wrong_value("has log and whole, but whole numbers are chosen by equal differences.")
         if self.log and self.low <= 0.0:
             raise wrong_value(f"has low {self.low:g}, but equal ratios need a value above 0.")
         if self.whole and math.floor(self.high) <= math.ceil(self.low):

@@ -199,6 +199,16 @@ class Measured(NamedTuple):
 
 
 MeasuredByName = dict[str, Measured]
+
+
+def reasons_of_sets(measured: MeasuredByName) -> list[str]:
+    """Return, for each set (n,), the measures without a value and why they have none; "" without any."""
+    return [
+        "; ".join(f"{name}: {why}" for name, why in zip(measured, of_set, strict=True) if why)
+        for of_set in zip(*(result.why for result in measured.values()), strict=True)
+    ]
+
+
 # Columns of the rows of n sets: (n, conditions) each, names as text.
 SetRows = Mapping[str, Shaped[np.ndarray, "sets conditions"]]
 
@@ -208,6 +218,7 @@ class Measure(StrictModel):
 
     on_map: ClassVar[bool] = False  # whether it is measured on the return map, not of rows
     angle_field: ClassVar[str | None] = None  # its field for a column, whose value is an angle if that is one
+    unit_field: ClassVar[str | None] = None  # its field for a column, formula or parameter, for the unit
     runs: ClassVar[tuple[type[RunKind], ...]] = ()  # run kinds that its field `run` may name
 
     at: Conditions = Field(description="parameters and starts of its rows by name; lists multiply")
@@ -225,9 +236,9 @@ class Measure(StrictModel):
         angles = (quantity.name for quantity in model.observables if quantity.circular)
         return any(column_name in (name, f"{name}_end") for name in angles)
 
-    @abc.abstractmethod
     def unit(self, model: Model) -> str:
         """Return the unit of its value."""
+        return "1" if self.unit_field is None else unit_of(getattr(self, self.unit_field), model)
 
     @property
     @abc.abstractmethod
@@ -301,15 +312,10 @@ def _end(name: str, columns: Iterable[str]) -> str:
     return name_at_end if name_at_end in columns else name
 
 
-def unit_of_parameter(name: str, model: Model) -> str:
-    """Return the unit of a parameter, "1" if the model has none of this name."""
-    return {quantity.name: quantity.unit for quantity in model.parameters}.get(name, "1")
-
-
 def unit_of(formula: str, model: Model) -> str:
-    """Return the unit of a column, "" for a formula."""
+    """Return the unit of a column, a parameter or a start; "" for a formula."""
     known = (*model.parameters, *model.initial_conditions, *model.label_fields)
-    units = {quantity.name: quantity.unit for quantity in known} | {"t_end": "s"}
+    units = {"t": "s", "t_end": "s"} | {quantity.name: quantity.unit for quantity in known}
     for quantity in model.observables:
         units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
     return units.get(formula, "1" if formula.isidentifier() else "")

@@ -215,8 +215,11 @@ class Restarts:
             if number is None:
                 heapq.heappush(self._start_points, (float(score), self._start_scored, point))
                 self._start_scored += 1
-            else:
-                self._tell_strategy(number, place, float(score))
+            elif self._strategies[number].tell(place, float(score)):
+                if self._strategies[number].is_over:
+                    del self._strategies[number]
+                else:
+                    self._queue_generation(number)
 
     def _next_point(self) -> _AskedPoint:
         """Return the next point of the Sobol start, then of the strategies; begin one if none has points."""
@@ -226,16 +229,6 @@ class Restarts:
         if not self._queue:
             self._begin_strategy()
         return self._queue.popleft()
-
-    def _tell_strategy(self, number: int, place: int, score: float) -> None:
-        """Report a score to a strategy, which is queued again after each generation until it is over."""
-        strategy = self._strategies[number]
-        if not strategy.tell(place, score):
-            return
-        if strategy.is_over:
-            del self._strategies[number]
-        else:
-            self._queue_generation(number)
 
     def _begin_strategy(self) -> None:
         """Begin a strategy: a large one if the small ones have had as many points, else a small one."""

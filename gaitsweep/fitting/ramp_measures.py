@@ -20,8 +20,6 @@ from gaitsweep.fitting.measure import (
     column,
     error_of_column,
     error_of_gaits,
-    unit_of,
-    unit_of_parameter,
 )
 from gaitsweep.kinds import Ramp, RunKind
 from gaitsweep.schema.numbers import Count, CountOrZero, Flag, Text
@@ -97,6 +95,8 @@ class Transition(RampMeasure):
     less than `least` crossings may lie between them, and so may crossings with neither of the two.
     """
 
+    unit_field: ClassVar[str | None] = "quantity"
+
     kind: Literal["transition"] = Field(
         description="transition: where a gait gives way to another while a ramp moves a parameter"
     )
@@ -116,10 +116,8 @@ class Transition(RampMeasure):
         why = np.full(len(rows), "", object)
         for number, rows_of_set in enumerate(rows):
             transitions = [self._transition(row, model) for row in rows_of_set]
-            reasons = [reason for _, reason in transitions if reason]
-            if reasons:
-                why[number] = reasons[0]
-            else:
+            why[number] = next((reason for _, reason in transitions if reason), "")
+            if not why[number]:
                 values[number] = np.mean([value for value, _ in transitions])
         return Measured(values, why)
 
@@ -136,16 +134,15 @@ class Transition(RampMeasure):
         for before, after in itertools.pairwise(bouts):
             if before.code == _FROM and after.code == _TO:
                 by_own_name = dict(zip(_own_names(columns, model), columns.values(), strict=True))
-                values = column(self.of_ or self.run.parameter, by_own_name)
-                return float(0.5 * (values[before.last] + values[after.first])), ""
+                values = column(self.quantity, by_own_name)
+                value = float(0.5 * (values[before.last] + values[after.first]))
+                return value, "" if np.isfinite(value) else f"{self.quantity} is missing"
         return np.nan, f"no {' or '.join(self.to)} after {' or '.join(self.gait)}"
 
-    def unit(self, model: Model) -> str:
-        if self.of_ is None or self.of_ == self.run.parameter:
-            return unit_of_parameter(self.run.parameter, model)
-        if self.of_ == "t":
-            return "s"
-        return unit_of(self.of_, model)
+    @property
+    def quantity(self) -> str:
+        """Column, formula or parameter that is read at the transition."""
+        return self.of_ or self.run.parameter
 
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
         error = self._pass_error(self.pass_)
@@ -195,9 +192,6 @@ class GaitSequence(RampMeasure):
         if self.only:
             length = max(length, len(sequence))
         return _count_in_order(sequence, self.gaits) / length
-
-    def unit(self, model: Model) -> str:
-        return "1"
 
     def name_error(self, columns: Sequence[str], model: Model) -> FieldError:
         gaits = itertools.chain(*self.gaits)

@@ -44,20 +44,12 @@ class ShareKept(Measure):
     kind: Literal["robust"] = Field(description="robust: the share of neighbours that keep the targets named")
     at: Conditions = Field(default_factory=dict, description="no rows of its own")
 
-    def unit(self, model: Model) -> str:
-        return "1"
-
     @property
     def own_run(self) -> RunKind | None:
         return None
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         return None
-
-
-def robust_target(robust: Robust) -> Target:
-    """Return the target of the field `robust` of a search."""
-    return Target(ShareKept(kind="robust"), robust)
 
 
 def check_robust(

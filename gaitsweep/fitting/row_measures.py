@@ -29,8 +29,6 @@ from gaitsweep.fitting.measure import (
     error_of_gaits,
     error_of_list,
     error_of_ranges,
-    unit_of,
-    unit_of_parameter,
     unknown_name,
     within,
 )
@@ -43,6 +41,7 @@ class Value(RowMeasure):
     """Mean of a column over rows, of angles on the circle; no value if one of the rows is not sound."""
 
     angle_field: ClassVar[str | None] = "of_"
+    unit_field: ClassVar[str | None] = "of_"
 
     kind: Literal["value"] = Field(description="value: a column of a row's last record")
     of_: Text = Field(alias="of", description="the column, such as an observable, or a formula of columns")
@@ -64,9 +63,6 @@ class Value(RowMeasure):
         why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
-    def unit(self, model: Model) -> str:
-        return unit_of(self.of_, model)
-
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         return error_of_column(self.of_, columns) or error_of_ranges(self.among, columns)
 
@@ -76,6 +72,8 @@ class Edge(RowMeasure):
 
     Holds are read in the order written; the first has to have the gait.
     """
+
+    unit_field: ClassVar[str | None] = "along"
 
     kind: Literal["edge"] = Field(description="edge: where a gait is lost along a parameter, by holds")
     along: Text = Field(description="the parameter, whose list stands in `at`, from the gait's side")
@@ -92,9 +90,6 @@ class Edge(RowMeasure):
         why = np.where(never, f"no {self.gait} at {self.along} = {holds[0]:g}", "")
         why = np.where(always, f"{self.gait} is not lost by {self.along} = {holds[-1]:g}", why)
         return Measured(values, why)
-
-    def unit(self, model: Model) -> str:
-        return unit_of_parameter(self.along, model)
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         error = error_of_list(self.along, self.at, "an edge", " from the gait's side")
@@ -115,9 +110,6 @@ class Share(RowMeasure):
         values = _mean(has_gait.astype(float), within(self.among, rows))
         return Measured(values, np.where(np.isnan(values), _no_row(self.among), ""))
 
-    def unit(self, model: Model) -> str:
-        return "1"
-
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         return error_of_gaits("gait", self.gait, model) or error_of_ranges(self.among, columns)
 
@@ -127,6 +119,8 @@ class Coexistence(RowMeasure):
 
     Each value of the list represents half of the distance to its neighbours (trapezoidal rule).
     """
+
+    unit_field: ClassVar[str | None] = "along"
 
     kind: Literal["coexistence"] = Field(
         description="coexistence: the length of a parameter's range in which holds keep each of several gaits"
@@ -146,9 +140,6 @@ class Coexistence(RowMeasure):
             coexist &= by_value.any(axis=2)
         return _without_missing(np.abs(np.trapezoid(coexist.astype(float), self.at[self.along])))
 
-    def unit(self, model: Model) -> str:
-        return unit_of_parameter(self.along, model)
-
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         only_along = {name: values for name, values in self.at.items() if name == self.along}
         error = error_of_gaits("gaits", itertools.chain(*self.gaits), model)
@@ -160,6 +151,8 @@ class Order(RowMeasure):
 
     It has no value if no sound row shows one of the groups.
     """
+
+    unit_field: ClassVar[str | None] = "of_"
 
     kind: Literal["order"] = Field(
         description="order: the least step of a column's median from one group of gaits to the next"
@@ -179,9 +172,6 @@ class Order(RowMeasure):
             why = np.where((why == "") & ~has_group, f"no {' or '.join(group)}", why)
         return Measured(np.diff(medians, axis=1).min(axis=1), why)
 
-    def unit(self, model: Model) -> str:
-        return unit_of(self.of_, model)
-
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         gaits = list(itertools.chain(*self.gaits))
         if (error := error_of_gaits("gaits", gaits, model)) is not None:
@@ -198,6 +188,8 @@ class Prominence(RowMeasure):
     It is the smaller of the largest values on the two sides of the least inner value, less that value: it is
     positive if the column falls and rises again between the ends.
     """
+
+    unit_field: ClassVar[str | None] = "of_"
 
     kind: Literal["prominence"] = Field(
         description="prominence: of the minimum of a column along a parameter; below 0 where there is none"
@@ -218,9 +210,6 @@ class Prominence(RowMeasure):
         why = _why_none(self.of_, rows["status"], unsound, finite)
         return Measured(np.where(why == "", values, np.nan), why)
 
-    def unit(self, model: Model) -> str:
-        return unit_of(self.of_, model)
-
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         if (error := error_of_list(self.along, self.at, "a prominence")) is not None:
             return error
@@ -236,9 +225,6 @@ class Failures(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         return _without_missing(Status.FAILED.among(rows["status"]).mean(axis=1))
-
-    def unit(self, model: Model) -> str:
-        return "1"
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:
         return None
@@ -294,6 +280,7 @@ class FixedPoint(Measure):
 
     on_map: ClassVar[bool] = True
     angle_field: ClassVar[str | None] = "of_"
+    unit_field: ClassVar[str | None] = "of_"
 
     kind: Literal["fixed_point"] = Field(
         description="fixed_point: of the return map, by Newton's method: a multiplier or an observable"
@@ -331,9 +318,6 @@ class FixedPoint(Measure):
                 measured[converged] = moduli[:, 0] if is_largest else (moduli > 1.0).sum(axis=1)
         why = np.where(np.isnan(measured), "no fixed point found", "")
         return Measured(measured, why)
-
-    def unit(self, model: Model) -> str:
-        return {quantity.name: quantity.unit for quantity in model.observables}.get(self.of_, "1")
 
     @property
     def own_run(self) -> RunKind | None:

@@ -32,12 +32,18 @@ def _by_name(entries: list[dict[str, Any]], description: str) -> dict[str, Any]:
     return {"type": "object", "additionalProperties": {"anyOf": entries}, "description": description}
 
 
+def _joined(first: dict[str, Any], last: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema with the fields of two, the required ones among them."""
+    return {
+        "properties": {**first["properties"], **last["properties"]},
+        "required": [*first["required"], *last["required"]],
+    }
+
+
 def _with_fields(settings: type[StrictModel], fields: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Return the schema of some settings with further required fields before them."""
     schema_of_settings = settings.model_json_schema()
-    properties = {**fields, **schema_of_settings["properties"]}
-    required = [*fields, *schema_of_settings["required"]]
-    return {**schema_of_settings, "properties": properties, "required": required}
+    return schema_of_settings | _joined({"properties": fields, "required": [*fields]}, schema_of_settings)
 
 
 def _sensitivity() -> dict[str, Any]:
@@ -66,7 +72,4 @@ def _search() -> dict[str, Any]:
 def _target(kind: str) -> dict[str, Any]:
     """Return the schema of a measure with the fields of its target value."""
     measure = MEASURES[kind].model_json_schema()
-    target_value = TargetValue.model_json_schema()
-    properties = {**measure["properties"], **target_value["properties"]}
-    required = [*measure["required"], *target_value["required"]]
-    return {**measure, "properties": properties, "required": required}
+    return measure | _joined(measure, TargetValue.model_json_schema())

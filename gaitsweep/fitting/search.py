@@ -31,7 +31,7 @@ from gaitsweep.fitting.figures import draw_search, search_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
-from gaitsweep.fitting.measure import Measured, MeasuredByName
+from gaitsweep.fitting.measure import Measured, MeasuredByName, reasons_of_sets
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import ROBUST, share_kept
@@ -345,7 +345,7 @@ class _Search:
             **{f"{MISS}{name}": miss for name, miss in misses.items()},
             "score": scores(misses, targets),
             "status": SetStatus.column(failed),
-            "why": pd.Series(_reasons(measured), dtype="str"),
+            "why": pd.Series(reasons_of_sets(measured), dtype="str"),
         }
         return pd.DataFrame(frame)
 
@@ -439,15 +439,6 @@ class _Search:
 
 def _on_disk(on_progress: Callable[[SweepProgress], None]) -> None:
     """Measure nothing, for a batch that is on disk and keeps its place among the others."""
-
-
-def _reasons(measured: MeasuredByName) -> list[str]:
-    """Return, for each set, the targets without a value and the reasons."""
-    sentences = []
-    for reasons in zip(*(result.why for result in measured.values()), strict=True):
-        by_name = dict(zip(measured, reasons, strict=True))
-        sentences.append("; ".join(f"{name}: {reason}" for name, reason in by_name.items() if reason))
-    return sentences
 
 
 def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:

@@ -181,26 +181,19 @@ def read_fit_job(
             text = f"has no place beside {field}, whose sets of constants vary: take it out."
             wrong.append(Diagnostic((key,), text))
             del written[key]
-    config = Config(written, folder)
-    spec = _spec_of(config, folder)
+    fields = Config(written, folder).raw
+    spec = None
+    if "model" in fields:
+        spec, _ = read_model_spec(fields["model"], fields.get("structure"), fields.get("params"), [folder])
     if spec is None:
         refuse(wrong)
         Job.model_validate(written, context={"folder": folder})  # raises the errors of the model
         raise JobError([Diagnostic(("model",), "is missing.")])
-    fit = FitJob(field, written, folder, free, measures, spec, config.raw)
+    fit = FitJob(field, written, folder, free, measures, spec, fields)
     refuse([*wrong, *_check_run(fit), *check_constants(fit), *check_measures(fit)])
     for structure in fit.structures:
         _check_structure(fit, structure)
     return fit
-
-
-def _spec_of(config: Config, folder: Path) -> ModelSpec | None:
-    """Return the model of a job merged with its config; None if it is missing or has errors."""
-    fields = config.raw
-    if "model" not in fields:
-        return None
-    spec, _ = read_model_spec(fields["model"], fields.get("structure"), fields.get("params"), [folder])
-    return spec
 
 
 def _check_structure(fit: FitJob, structure: Mapping[str, Any]) -> None:

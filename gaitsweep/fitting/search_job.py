@@ -21,7 +21,7 @@ from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import RULE_OF_RESTARTS, Method, missing_package
-from gaitsweep.fitting.robustness import ROBUST, Robust, check_robust, own_constants, robust_target
+from gaitsweep.fitting.robustness import ROBUST, Robust, ShareKept, check_robust, own_constants
 from gaitsweep.fitting.search_and_sensitivity_job import FitJob, read_fit_job
 from gaitsweep.fitting.targets import MISS, Target, TargetValue
 from gaitsweep.runs.prepare import RunContext
@@ -266,7 +266,8 @@ def read_search_field(data: Mapping[str, Any], wrong: list[Diagnostic]) -> Searc
         result = Search(free, targets, options)
     else:
         wrong.extend(check_robust(options.robust, free, targets))
-        result = Search(free, {**targets, ROBUST: robust_target(options.robust)}, options)
+        robust = Target(ShareKept(kind="robust"), options.robust)
+        result = Search(free, {**targets, ROBUST: robust}, options)
     if targets and not result.counted:
         wrong.append(Diagnostic(("search", "targets"), "are all held back: one of them has to count."))
     if options is not None:

@@ -21,7 +21,7 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.figures import sensitivity_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
-from gaitsweep.fitting.measure import Measure, MeasuredByName
+from gaitsweep.fitting.measure import Measure, MeasuredByName, reasons_of_sets
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
 from gaitsweep.fitting.sensitivity_methods import Output, PerSet, indices, unwrapped
@@ -204,10 +204,7 @@ def _blocks(
 
 def _records(rows: Int[np.ndarray, " sets"], sets: Sets, measured: MeasuredByName) -> pd.DataFrame:
     """Return the records of the sets `rows` (n,): their status, and why outputs have no value."""
-    why = []
-    for number in range(rows.size):
-        missing = [name for name, output in measured.items() if math.isnan(output.values[number])]
-        why.append("; ".join(f"{name}: {measured[name].why[number]}" for name in missing))
+    why = reasons_of_sets(measured)
     return pd.DataFrame(
         {
             "row": rows.astype(np.int64),

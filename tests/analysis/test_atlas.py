@@ -267,7 +267,8 @@ def test_curves_of_the_henon_map() -> None:
     """The fold is a = -(1 - b)^2 / 4, the flips 3 (1 - b)^2 / 4 and (1 - b)^2 + (1 + b)^2 / 4, to 1e-9."""
     search = searched(HENON, {"a": 0.2, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 1, 64)
     atlas = atlas_of(HENON, search, {"a": 0.2, "b": 0.3}, "a", (-0.5, 1.0), 1)
-    curves = atlas.follow_curves("b", (-0.4, 0.7), ArclengthSteps(longest=0.05, most=120))
+    atlas.steps = ArclengthSteps(longest=0.05, most=120)
+    curves = atlas.follow_curves("b", (-0.4, 0.7))
     b, a = curves["b"].to_numpy(float), curves["a"].to_numpy(float)
     kind, period = curves["kind"].to_numpy(str), curves["period"].to_numpy(int)
     fold, flip, doubled = kind == "fold", (kind == "flip") & (period == 1), (kind == "flip") & (period == 2)
@@ -287,7 +288,8 @@ def test_a_circle_and_its_resonances() -> None:
     atlas = atlas_of(DELAYED, search, {"a": 1.5, "c": 1.0}, "a", (1.2, 3.0), 0)
     points = atlas_table(atlas, search, 1.5)
     assert specials(points, "neimark_sacker", "a") == pytest.approx([2.0], abs=1e-10)
-    curves = atlas.follow_curves("c", (0.1, 4.5), ArclengthSteps(longest=0.05, most=300))
+    atlas.steps = ArclengthSteps(longest=0.05, most=300)
+    curves = atlas.follow_curves("c", (0.1, 4.5))
     circle = curves.query("kind == 'neimark_sacker'")
     np.testing.assert_allclose(circle["a"], 2.0, atol=1e-9)
     np.testing.assert_allclose(circle["multiplier_re"], 1.0 - circle["c"] / 2.0, atol=1e-8)
@@ -340,7 +342,8 @@ def test_points_of_codimension_two(mapping: PlainMap, place: float, kind: str, n
     values, size = {"r": place, "s": -0.3}, len(mapping.names)
     search = searched(mapping, values, [-0.6] * size, [0.6] * size, 1, 32)
     atlas = atlas_of(mapping, search, values, "r", (-0.4, 0.4), 0)
-    curves = atlas.follow_curves("s", (-0.5, 0.5), ArclengthSteps(longest=0.05)).query(f"kind == '{kind}'")
+    atlas.steps = ArclengthSteps(longest=0.05)
+    curves = atlas.follow_curves("s", (-0.5, 0.5)).query(f"kind == '{kind}'")
     np.testing.assert_allclose(curves["r"], 0.0, atol=1e-9)
     points = curves[curves["special"] == name]
     assert len(points) >= 1

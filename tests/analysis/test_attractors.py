@@ -322,3 +322,12 @@ def test_sets_without_a_period_keep_their_names_along_a_parameter() -> None:
     names = followed.column.astype(str).groupby(table["of"]).unique()
     assert [len(own) for own in names] == [1, 1]
     assert np.nanmax(followed.summary["moved"].to_numpy(float)) < 0.3
+
+
+def test_orbits_without_all_crossings_have_no_states() -> None:
+    """Two orbits of two crossings each, of which the table has one, are known by their period alone."""
+    table = pd.DataFrame({"status": "settled", "attractor_period": 2, "x_end": [1.0, 1.0, 3.0]})
+    grouped = attractors(table)
+    assert grouped.states == {}
+    assert grouped.summary["attractor"].tolist() == ["period 2"]
+    assert grouped.summary["rows"].tolist() == [3]

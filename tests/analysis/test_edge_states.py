@@ -246,6 +246,8 @@ def test_refusals() -> None:
         LabelMapper(BatchedReturnMap(Landscape()), {}, after=-1)
     with pytest.raises(ValueError, match="cuts is 0"):
         EdgeLimits(cuts=0)
+    with pytest.raises(ValueError, match=r"max_rounds is 2\.5"):
+        EdgeLimits(max_rounds=2.5)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match="one label for each"):
         edge_states(SADDLE, u1, u1, {}, mapper=lambda images, pair, cycle: np.zeros(1, int))
     with pytest.raises(ValueError, match="an edge lies between two"):

@@ -11,6 +11,7 @@ from scipy import sparse, special, stats
 
 import gaitsweep as gs
 from gaitsweep.analyses import AnalysisError, steps_to_fall, survival
+from gaitsweep.analysis.rare_falls import _hazard
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 
 SLOPE, ALPHA = 0.14, 0.4
@@ -152,3 +153,12 @@ def test_other_ends_and_arguments_are_refused() -> None:
         steps_to_fall(table, level=2.0)
     with pytest.raises(AnalysisError, match="roughnes"):
         steps_to_fall(table, "roughnes")
+    with pytest.raises(AnalysisError, match="1 rows have no number of cycles"):
+        survival(pd.DataFrame({"cycles": [10, np.nan], "status": "fell"}))
+
+
+def test_the_chance_of_a_fall_is_that_of_a_window_and_at_most_one() -> None:
+    """A window of 6 steps counts falls after 3 to 5 steps; no chance gives a mean of 0.5 there."""
+    chance = 0.01
+    assert _hazard(float(np.mean(chance * (1.0 - chance) ** np.arange(3, 6))), 6) == pytest.approx(chance)
+    assert _hazard(0.5, 6) == 1.0

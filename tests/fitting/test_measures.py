@@ -191,3 +191,15 @@ def test_a_constant_that_every_measure_sets_cannot_be_free() -> None:
     job = search(one={"at": {"kick": 1.0}}, two={"at": {"kick": 0.5}})
     with pytest.raises(JobError, match=r"one\.at\.kick is free, but every measure sets it"):
         read_search(job, Path())
+
+
+def test_the_unit_along_a_start_is_that_of_the_start() -> None:
+    """The unit of what is read is that of a parameter, a start, a column or a time; of shares it is 1."""
+    start, parameter = TOY.initial_conditions[0], TOY.parameters[0]
+    assert start.unit != "1"
+    for quantity in (start, parameter):
+        edge = measure("edge", along=quantity.name, gait="hop", at={quantity.name: [1, 2, 3, 4]})
+        assert edge.unit(TOY) == quantity.unit
+    assert measure("value", of="t").unit(TOY) == measure("value", of="t_end").unit(TOY) == "s"
+    assert measure("share", gait="hop").unit(TOY) == "1"
+    assert measure("value", of="2*apex").unit(TOY) == ""

@@ -241,6 +241,16 @@ def test_the_place_of_a_transition(gaits: str, place: float) -> None:
     assert measured(Transition, gaits, kind="transition", gait="a", to="b") == (place, "")
 
 
+def test_a_transition_without_a_number_has_a_reason() -> None:
+    crossings = row("aabb....")
+    unknown = Crossings({**crossings.columns, "r": np.full(9, np.nan)}, crossings.status)
+    fields = {"kind": "transition", "run": {**RAMP, "initial_dwell": 0.0}, "at": {"x_0": 1.0}, "least": 2}
+    measure = Transition.model_validate({**fields, "gait": "a", "to": "b"})
+    result = measure.of_rows([[unknown], [crossings]], CuspFlow())
+    assert np.isnan(result.values).tolist() == [True, False]
+    assert result.why.tolist() == ["r is missing", ""]
+
+
 @pytest.mark.parametrize(
     ("of", "unit", "value"), [("r_n", "m/s", 2.5), ("2*r_n", "", 5.0), ("x", "m", 25.0), ("a", "1/s", 3.0)]
 )

@@ -312,6 +312,8 @@ def test_the_unstable_have_no_phase_response() -> None:
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
         hops.phase_response(unstable, "lanch")
+    with pytest.raises(gs.ArgumentError, match="no crossing after phase 0: fell"):
+        gs.return_map(CompassWalker()).phase_response([0.6, 3.0, -5.0], ["stance_rate"], [0.5])
     for call in (hops.fixed_points, hops.multipliers, hops):
         with pytest.raises(gs.ArgumentError, match="x has no points"):
             call(np.zeros((0, 2)))

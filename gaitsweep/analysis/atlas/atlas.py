@@ -20,7 +20,6 @@ from gaitsweep.analysis.atlas.branch import (
     ON_BRANCH,
     Branch,
     BranchStart,
-    HalfBranch,
     Record,
     branch_table,
     record_of,
@@ -140,7 +139,7 @@ class BranchAtlas:
             of_period = list(group)
             halves = self._halves(of_period, period)
             for start, halves_of_start in zip(of_period, halves, strict=True):
-                branch = Branch.of_halves(start, halves_of_start)
+                branch = Branch.of_halves(halves_of_start)
                 followed.append((start, self._without_image(start, branch)))
         for start, branch in followed:
             if not self._unpassed([start]):
@@ -197,7 +196,7 @@ class BranchAtlas:
                 return before if int(np.argmin(away)) <= place else after
         return branch
 
-    def _halves(self, starts: Sequence[BranchStart], period: int) -> list[list[HalfBranch]]:
+    def _halves(self, starts: Sequence[BranchStart], period: int) -> list[list[Branch]]:
         """The halves of branches of orbits of one period: one for each direction of each start."""
         directed = [(k, sign) for k, start in enumerate(starts) for sign in start.directions]
         if not directed:
@@ -210,27 +209,28 @@ class BranchAtlas:
         crossings: dict[int, list[BranchPoints | None]] = {}
         for crossing in follower.crossings:
             crossings.setdefault(crossing.branch, []).append(crossing.aside)
-        halves: list[list[HalfBranch]] = [[] for _ in starts]
+        halves: list[list[Branch]] = [[] for _ in starts]
         for number, (k, _) in enumerate(directed):
             of_half = problem[np.array([number])]
-            half = self._half(of_half, table.records(number), crossings.get(number, []), period)
+            half = self._half(starts[k], of_half, table.records(number), crossings.get(number, []))
             halves[k].append(half)
         return halves
 
     def _half(
         self,
+        start: BranchStart,
         problem: ContinuationProblem,
         records: list[Record],
         crossings: list[BranchPoints | None],
-        period: int,
-    ) -> HalfBranch:
-        """The half with these records, up to the flip of its parent if it ends there.
+    ) -> Branch:
+        """The half with these records from a start, up to the flip of its parent if it ends there.
 
         `crossings` are the points on the crossing branches at each of its branch points, in order.
         """
         asides: dict[int, BranchPoints] = {}
         waiting = iter(crossings)
-        halved = self._halved(problem, records, period)
+        halved = self._halved(problem, records, start.period)
+        branch = Branch(start.row, start.period, start.depth, start.begins, problem, records, asides)
         for place, record in enumerate(records):
             special = record["special"]
             if special in CROSSINGS and (aside := next(waiting, None)) is not None:
@@ -241,11 +241,11 @@ class BranchAtlas:
                 asides.pop(place, None)
                 if special in MARKS:
                     record |= {"special": "flip", "end": "flip", "coefficient": float("nan")}
-                    return HalfBranch(problem, records[: place + 1], asides)
+                    return branch.part(0, place + 1)
                 # a leap over a corner of the map led to the branch of half the period
                 records[place - 1]["end"] = "lost"
-                return HalfBranch(problem, records[:place], asides)
-        return HalfBranch(problem, records, asides)
+                return branch.part(0, place)
+        return branch
 
     def _halved(
         self, problem: ContinuationProblem, records: list[Record], period: int
@@ -258,18 +258,12 @@ class BranchAtlas:
         images = half.images(points.points, problem[np.zeros(len(records), int)].values_at(points.parameter))
         return images.sound & (self.mapping.distance(points.points.at, images.points.at) < ON_BRANCH)
 
-    def follow_curves(
-        self,
-        second: str,
-        within: Sequence[float],
-        steps: ArclengthSteps | None = None,
-    ) -> pd.DataFrame:
+    def follow_curves(self, second: str, within: Sequence[float]) -> pd.DataFrame:
         """Follow the bifurcations of all branches in the plane of the parameter and a second one.
 
         Args:
             second: the name of the second parameter; its value at the branches is that of `values`.
             within: its range, two numbers.
-            steps: lengths and number of the steps; by default those of the branches.
 
         Returns:
             One record a point: row, curve, kind (fold, flip, neimark_sacker, branch_point), period, point,
@@ -278,7 +272,7 @@ class BranchAtlas:
             end. Point 0 is on a branch, and points below 0 are behind it.
         """
         plane = SecondParameter(second, float(min(within)), float(max(within)))
-        records = plane_curves(self.mapping, self.branches, self.within, plane, steps or self.steps)
+        records = plane_curves(self.mapping, self.branches, self.within, plane, self.steps)
         return in_terms_of_flow(self.mapping, pd.DataFrame(records))
 
 
@@ -290,11 +284,7 @@ def _directed(first: BranchPoints, sign: int) -> BranchPoints:
 
 def _doubled(problem: ContinuationProblem, flip: BranchPoints) -> BranchPoints | None:
     """A point on the branch of twice the period beside a flip (1,), with the tangent away from it."""
-    scale = np.zeros_like(problem.weights[0])
-    size = flip.points.at.shape[1]
-    scale[:size] = doubled_direction(flip)
-    for length in BESIDE_FLIP:
-        aside = beside(problem, flip, [Way(flip.points, scale)], length)
-        if aside is not None:
-            return aside
-    return None
+    tangent = np.zeros_like(problem.weights[0])
+    tangent[: flip.points.at.shape[1]] = doubled_direction(flip)
+    asides = (beside(problem, flip, [Way(flip.points, tangent)], length) for length in BESIDE_FLIP)
+    return next((aside for aside in asides if aside is not None), None)

@@ -10,14 +10,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from gaitsweep.analysis.continuation.arclength_step import (
-    BranchPoints,
-    ContinuationProblem,
-    PerBranch,
-    Unknowns,
-)
+from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.branch_table import BranchTable
-from gaitsweep.analysis.continuation.newton import Drifts
 from gaitsweep.engine.poincare.maps import Points
 
 # A point may lie beside the chord of a step by this share of its length, since a branch is bent.
@@ -29,42 +23,34 @@ Record = dict[str, Any]
 
 @dataclasses.dataclass(frozen=True)
 class StoredPoint:
-    """One point (1,) of a branch without its image; the attributes are those of `BranchPoints`."""
+    """One point (1,) of a branch, read from a table: the `points` of its `BranchPoints`."""
 
     points: Points
-    drift: Drifts
-    parameter: PerBranch
-    tangent: Unknowns
 
 
 def text_of(at: BranchPoints) -> str:
-    """A point (1,) of a branch as JSON, whose numbers have the same bits when they are read."""
-    modes = (np.ravel(np.asarray(leaf)).tolist() for leaf in jax.tree.leaves(at.points.modes))
-    return json.dumps(
-        [
-            at.points.at[0].tolist(),
-            at.drift[0].tolist(),
-            at.parameter.tolist(),
-            at.tangent[0].tolist(),
-            *modes,
-        ]
-    )
+    """A point (1,) of a branch as JSON, whose numbers have the same bits when they are read.
+
+    The list has the coordinates, the drifts, the parameter, the tangent, and each leaf of the modes.
+    """
+    modes = (np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(at.points.modes))
+    arrays = (at.points.at[0], at.drift[0], at.parameter, at.tangent[0], *modes)
+    return json.dumps([array.tolist() for array in arrays])
 
 
 def point_of(text: str, like: Points) -> StoredPoint:
-    """Read the point from the text that `text_of` wrote.
+    """Read the point from the text that `text_of` wrote; its drifts, parameter and tangent are left out.
 
     Args:
         text: the text.
         like: a point (1,) of the same map, for the structure of its modes.
     """
     leaves, structure = jax.tree.flatten(like.modes)
-    at, drift, parameter, tangent, *modes = json.loads(text)
+    at, _, _, _, *modes = json.loads(text)
     shaped = [
         np.asarray(values, leaf.dtype).reshape(leaf.shape) for values, leaf in zip(modes, leaves, strict=True)
     ]
-    points = Points(np.array([at], float), jax.tree.unflatten(structure, shaped))
-    return StoredPoint(points, np.array([drift], float), np.array(parameter), np.array([tangent], float))
+    return StoredPoint(Points(np.array([at], float), jax.tree.unflatten(structure, shaped)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,15 +73,6 @@ class BranchStart:
     first: BranchPoints
     directions: tuple[int, ...]
     orbit: Points
-
-
-@dataclasses.dataclass(frozen=True)
-class HalfBranch:
-    """A branch in one direction from its first point; the attributes are those of `Branch`."""
-
-    problem: ContinuationProblem
-    records: list[Record]
-    asides: dict[int, BranchPoints]
 
 
 @dataclasses.dataclass
@@ -134,45 +111,32 @@ class Branch:
         if (aside := self.asides.get(place)) is not None:
             yield from (aside[[k]] for k in range(len(aside.parameter)))
 
-    @classmethod
-    def of_halves(cls, start: BranchStart, halves: list[HalfBranch]) -> Branch:
-        """The branch of one half, or of two halves of which the first is reversed."""
+    @staticmethod
+    def of_halves(halves: list[Branch]) -> Branch:
+        """The branch of one half, or of two from the same first point, of which the first is reversed."""
         # a closed branch is followed as a whole in either direction
-        if len(halves) == 2 and halves[1].records[-1]["end"] == "closed":
-            halves = halves[1:]
-        records, asides = halves[-1].records, halves[-1].asides
-        if len(halves) == 2:
-            back = halves[0]
-            last = len(back.records) - 1
-            records = [*_reversed(back.records, records[0]), *records]
-            asides = {
-                **{last - place: aside for place, aside in back.asides.items()},
-                **{last + place: aside for place, aside in asides.items()},
-            }
-        return cls(start.row, start.period, start.depth, start.begins, halves[0].problem, records, asides)
+        if len(halves) == 1 or halves[1].records[-1]["end"] == "closed":
+            return halves[-1]
+        back, forth = halves
+        last = len(back.records) - 1
+        asides = {last - place: aside for place, aside in back.asides.items()}
+        asides |= {last + place: aside for place, aside in forth.asides.items()}
+        records = [*_reversed(back.records, forth.records[0]), *forth.records]
+        return dataclasses.replace(forth, records=records, asides=asides)
 
     def place_of(self, points: Points, parameter: float) -> int | None:
         """The record after which it passes one of these points (n,) at a parameter's value, or None."""
         if len(self.records) < 2:
             return None
-        size, mapping, weights = self.at.shape[1], self.problem.mapping, self.problem.weights[0]
-        chords = np.concatenate(
-            [mapping.difference(self.at[1:], self.at[:-1]), np.diff(self.parameter)[:, None]], axis=1
-        )
-        lengths = np.sqrt(chords[:, :size] ** 2 @ weights[:size] + weights[-1] * chords[:, -1] ** 2)
+        problem, weights, begin = self.problem, self.problem.weights[0], self.at[:-1]
+        chords = problem.change(begin, self.parameter[:-1], self.at[1:], self.parameter[1:])
+        lengths = np.sqrt(chords**2 @ weights)
         for point in range(len(points)):
-            away = np.concatenate(
-                [
-                    mapping.difference(points.at[point], self.at[:-1]),
-                    (parameter - self.parameter[:-1])[:, None],
-                ],
-                axis=1,
-            )
-            scale = np.append(weights[:size], weights[-1])
+            away = problem.change(begin, self.parameter[:-1], points.at[point], parameter)
             with np.errstate(divide="ignore", invalid="ignore"):
-                share = np.nan_to_num((away * chords) @ scale / lengths**2)
+                share = np.nan_to_num((away * chords) @ weights / lengths**2)
             share = np.clip(share, 0.0, 1.0)
-            beside_chord = np.sqrt(((away - share[:, None] * chords) ** 2) @ scale)
+            beside_chord = np.sqrt(((away - share[:, None] * chords) ** 2) @ weights)
             for place in np.flatnonzero(beside_chord < BESIDE_CHORD * lengths + ON_BRANCH):
                 if self._meets(int(place), points[[point]], parameter):
                     return int(place)
@@ -203,16 +167,10 @@ class Branch:
 
     def _meets(self, place: int, point: Points, parameter: float) -> bool:
         """Whether the step after the record `place` passes a point (1,)."""
-        size = point.at.shape[1]
-        weights = self.problem.weights[0]
         for end in (self.point(place), self.point(place + 1)):
-            change = np.append(
-                self.problem.mapping.difference(point.at, end.points.at)[0], parameter - end.parameter[0]
-            )
-            tangent = end.tangent[0]
-            length = weights[:size] * tangent[:size] @ change[:size]
-            length += weights[-1] * tangent[-1] * change[-1]
-            near, converged = self.problem.step(end, np.array([length]))
+            change = self.problem.change(end.points.at, end.parameter, point.at, parameter)
+            length = np.sum(self.problem.weights * end.tangent * change, axis=1)
+            near, converged = self.problem.step(end, length)
             miss = abs(near.parameter[0] - parameter) / (self.problem.high - self.problem.low)
             miss = max(miss, float(self.problem.mapping.distance(point.at, near.points.at)[0]))
             if converged[0] and miss < ON_BRANCH:

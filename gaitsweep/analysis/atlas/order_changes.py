@@ -25,11 +25,9 @@ from gaitsweep.engine.poincare.maps import Events, Map, Points, Values, sizes
 
 # Steps of the second parameter over its range.
 STEPS = 32
-# First and largest width of the interval that is searched at each step, as a share of the first parameter's
-# range, and the factor by which it grows where the order does not change in it.
-WIDTH = 0.01
-WIDEST = 0.7
-WIDER = 4.0
+# Half-widths of the interval that is searched at each step, as shares of the first parameter's range: each is
+# tried where the order does not change in the one before.
+HALF_WIDTHS = (0.01, 0.04, 0.16, 0.64)
 # Values of the first parameter in an interval.
 VALUES = 33
 # Rounds of ever smaller intervals.
@@ -127,14 +125,12 @@ class OrderChange:
     def _located(self, level: float, guess: float, near: Points) -> _CurvePoint | None:
         """The point of the curve at a value of the second parameter; None if it is not found."""
         low, high = self.within[0]
-        width = WIDTH
-        while width <= WIDEST:
-            half = width * (high - low)
+        for share in HALF_WIDTHS:
+            half = share * (high - low)
             interval = max(low, guess - half), min(high, guess + half)
             point = self._within(level, interval, near) if interval[0] < interval[1] else None
             if point is not None:
                 return point
-            width *= WIDER
         return None
 
     def _within(self, level: float, interval: tuple[float, float], near: Points) -> _CurvePoint | None:
@@ -259,12 +255,7 @@ def _past_the_section(before: list[str], after: list[str]) -> str | None:
 
 def _numbered(names: list[str]) -> list[tuple[str, int]]:
     """Names with the number of times that each came before."""
-    seen: Counter[str] = Counter()
-    numbered = []
-    for name in names:
-        numbered.append((name, seen[name]))
-        seen[name] += 1
-    return numbered
+    return [(name, names[:k].count(name)) for k, name in enumerate(names)]
 
 
 def with_order_changes(branches: Sequence[Branch]) -> list[Branch]:

@@ -63,7 +63,7 @@ def _bifurcation_curves(
     mapping: Map, branches: Sequence[Branch], second: SecondParameter, steps: ArclengthSteps
 ) -> list[_BranchCurve]:
     """The curves through the bifurcations of all branches, each once."""
-    found = [
+    bifurcations = [
         (branch, place)
         for branch in branches
         for place, record in enumerate(branch.records)
@@ -73,10 +73,10 @@ def _bifurcation_curves(
         bifurcation_curve(
             branch.problem, branch.point(place), branch.records[place]["special"], second, steps
         )
-        for branch, place in found
+        for branch, place in bifurcations
     ]
     curves: list[_BranchCurve] = []
-    for (branch, place), curve in zip(found, in_lockstep(computations), strict=True):
+    for (branch, place), curve in zip(bifurcations, in_lockstep(computations), strict=True):
         orbits = [] if curve is None else _orbit_and_images(mapping, branch, place)
         if curve is None or not orbits:
             continue
@@ -124,10 +124,9 @@ def _order_curves(
     ]
     for branch, place in changes:
         record = branch.records[place]
-        images = _orbit_and_images(mapping, branch, place)
-        if _is_among(mapping, images, _points_near(known, branch, place)):
+        if _is_known(mapping, known, branch, place):
             continue
-        curve = _order_change(mapping, branch, place, within, second).curve()
+        curve = _order_change(branch, place, within, second).curve()
         head = {"row": branch.row, "kind": record["special"], "period": branch.period}
         head |= {"curve": curves_of_row[branch.row], "change": ", ".join(record.get("changes", ()))}
         curves_of_row[branch.row] += bool(curve)
@@ -136,18 +135,17 @@ def _order_curves(
 
 
 def _order_change(
-    mapping: Map, branch: Branch, place: int, within: Sequence[float], second: SecondParameter
+    branch: Branch, place: int, within: Sequence[float], second: SecondParameter
 ) -> OrderChange:
     """The change of the order of events at a record of a branch."""
     record, problem = branch.records[place], branch.problem
-    names = [mapping.conserved[k].name for k in problem.constraints.which]
     return OrderChange(
         mapping=problem.mapping,
         parameter=problem.parameter,
         second=second.name,
         within=(within, (second.low, second.high)),
         values={name: value for name, value in problem.values.items() if name != second.name},
-        fix=dict(zip(names, problem.constraints.values.T, strict=True)),
+        fix=problem.fixed_values(),
         point=branch.point(place).points,
         home=(float(branch.parameter[place]), float(np.ravel(problem.values[second.name])[0])),
         events=record["events"],
@@ -156,22 +154,17 @@ def _order_change(
     )
 
 
-def _points_near(known: Sequence[tuple[Branch, int]], branch: Branch, place: int) -> list[Points]:
-    """The points (1,) of known records that are of the row, period and parameter of a record of a branch."""
+def _is_known(mapping: Map, known: Sequence[tuple[Branch, int]], branch: Branch, place: int) -> bool:
+    """Whether the orbit at a record of a branch, or an image of it, is that of a `known` record."""
     width = branch.problem.high - branch.problem.low
-    return [
+    near = [
         other.point(k).points
         for other, k in known
         if (other.row, other.period) == (branch.row, branch.period)
         and abs(other.parameter[k] - branch.parameter[place]) < ON_BRANCH * width
     ]
-
-
-def _is_among(mapping: Map, images: Sequence[Points], known: Sequence[Points]) -> bool:
-    """Whether one of the `known` points (1,) is a point of an orbit or of its `images`."""
-    return any(
-        np.min(mapping.distance(image.at, point.at)) < ON_BRANCH for image in images for point in known
-    )
+    images = _orbit_and_images(mapping, branch, place) if near else []
+    return any(np.min(mapping.distance(image.at, point.at)) < ON_BRANCH for image in images for point in near)
 
 
 def _orbit_and_images(mapping: Map, branch: Branch, place: int) -> list[Points]:

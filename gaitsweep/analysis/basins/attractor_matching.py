@@ -86,7 +86,7 @@ def follow_attractors(
         present = list(names.values())
         latest |= {names[name]: states for name, states in grouped.states.items()}
         of_value = grouped.summary["attractor"]
-        # orbits without states, of older tables, are not matched: their names are their periods
+        # orbits without states are not matched: their names are their periods
         orbits |= set(of_value) - set(names)
         names = dict(zip(of_value, of_value, strict=True)) | names
         attractor_of_rows.append(grouped.column.astype(object).map(names.get))

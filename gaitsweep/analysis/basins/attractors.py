@@ -10,7 +10,6 @@ they sample.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -54,12 +53,12 @@ class SampledSet:
 
     def is_near(self, other: SampledSet) -> bool:
         """Whether the set with fewer states is a sample of the other one."""
-        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        fewer, more = sorted((self, other), key=lambda sampled: len(sampled.states))
         return float(np.asarray(more.tree.query(fewer.states)[0]).mean()) <= NEAR * more.spacing
 
     def joined(self, other: SampledSet, space: Space) -> SampledSet:
         """The set with the rows of both, and states of both up to `MOST_STATES`."""
-        fewer, more = sorted((self, other), key=lambda one: len(one.states))
+        fewer, more = sorted((self, other), key=lambda sampled: len(sampled.states))
         rows = more.rows + fewer.rows
         if len(more.states) >= MOST_STATES:
             return dataclasses.replace(more, rows=rows)
@@ -83,16 +82,16 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
         [space.points(table.iloc[rows], at_crossing) for at_crossing in crossing_columns(table, columns)],
         axis=1,
     )
-    known = np.isfinite(crossings).all(axis=(1, 2))
+    is_complete = np.isfinite(crossings).all(axis=(1, 2))
     sets: list[SampledSet] = []
-    for row, states in zip(rows[known].tolist(), crossings[known], strict=True):
+    for row, states in zip(rows[is_complete].tolist(), crossings[is_complete], strict=True):
         newest = SampledSet.of(space, [row], states)
         # a set that grows may become one with others
-        while (near := next((known for known in sets if known.is_near(newest)), None)) is not None:
+        while (near := next((earlier for earlier in sets if earlier.is_near(newest)), None)) is not None:
             sets.remove(near)
             newest = near.joined(newest, space)
         sets.append(newest)
-    return sorted(sets, key=lambda of_rows: -len(of_rows.rows))
+    return sorted(sets, key=lambda sampled: -len(sampled.rows))
 
 
 Links = Int[np.ndarray, "links 2"]  # pairs of states
@@ -342,7 +341,7 @@ def attractors(
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
     groups, link_of_points = _point_groups(space, table, columns, grain, link, corners)
-    periods = _periods(table)
+    periods = orbit_periods(table)
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
     for status in sorted(RECURRENT):
@@ -456,7 +455,9 @@ def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " 
     finite = ~np.isinf(values).any(axis=1) & ~np.isnan(values).all(axis=1)
     status = table["status"].astype(str)
     return (
-        finite & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy() & (_periods(table) <= 1)
+        finite
+        & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy()
+        & (orbit_periods(table) <= 1)
     )
 
 
@@ -465,7 +466,7 @@ def _with_values(states: StateArray) -> StateArray:
     return np.where(np.isnan(states), 0.0, states)
 
 
-def _periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
+def orbit_periods(table: pd.DataFrame) -> Int[np.ndarray, " rows"]:
     """The period (n,) of each row's attractor in crossings; 1 in tables without that column."""
     if "attractor_period" not in table.columns:
         return np.ones(len(table), int)
@@ -484,15 +485,20 @@ def _set_groups(space: Space, table: pd.DataFrame, columns: Sequence[str], statu
 def _orbit_groups(
     space: Space, table: pd.DataFrame, columns: Sequence[str], period: int, grain: float, link: float | None
 ) -> list[_Group]:
-    """The rows on each orbit of `period` crossings, the most frequent first, and its states."""
-    rows = np.flatnonzero(_periods(table) == period)
+    """The rows on each orbit of `period` crossings, the most frequent first, and its states.
+
+    One group without states where the table does not have all crossings, or where they are not finite.
+    """
+    rows = np.flatnonzero(orbit_periods(table) == period)
     kind = f"period {period}"
-    names = [[*columns], *([f"{name}_{k}" for name in columns] for k in range(2, period + 1))]
-    of_orbits = table.iloc[rows].reindex(columns=list(itertools.chain(*names)))
     crossings = np.stack(
-        [_with_values(space.points(of_orbits, at_crossing)) for at_crossing in names], axis=1
+        [
+            _with_values(space.points(table.iloc[rows], at_crossing))
+            for at_crossing in crossing_columns(table, columns)[:period]
+        ],
+        axis=1,
     )
-    if not np.isfinite(crossings).all():
+    if crossings.shape[1] < period or not np.isfinite(crossings).all():
         return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
     points = crossings.reshape(-1, len(columns))
     binned = cells(space, points, grain)

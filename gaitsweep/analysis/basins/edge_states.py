@@ -77,7 +77,7 @@ class ProximityMapper:
         self._reach = reach * smallest
 
     def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
-        which = _of_each(pair, len(self._places), "attractors")
+        which = _entry_of_pair(pair, len(self._places), "attractors")
         away = self._mapping.difference(images.points.at[:, None], self._places[which]) / self._scale[which]
         distance = np.max(np.abs(away), axis=2)
         nearest = np.argmin(distance, axis=1)
@@ -120,7 +120,7 @@ class LabelMapper:
     def __call__(self, images: MapEvaluation, pair: Trajectories, cycle: int) -> Trajectories:
         if cycle < self._after:
             return np.full(len(pair), UNDECIDED)
-        which = _of_each(pair, self._pairs, "values")
+        which = _entry_of_pair(pair, self._pairs, "values")
         observed = {name: images.observed[name] for name in self._observables}
         values = {name: column[which] for name, column in self._values.items()}
         label = np.asarray(self._label(values, observed))
@@ -133,11 +133,11 @@ class LabelMapper:
         return np.where(self._counts[label], label, UNDECIDED)
 
 
-def _of_each(pair: Trajectories, count: int, what: str) -> Trajectories:
+def _entry_of_pair(pair: Trajectories, count: int, argument: str) -> Trajectories:
     """The index of each pair in an argument that has one entry for all pairs, or one for each."""
     if count > 1 and np.max(pair) >= count:
         raise ArgumentError(
-            f"{what} are given for {count} pairs, but there are more: give one for each pair, or one for all."
+            f"{argument} are given for {count} pairs, but there are more: give one for each, or one for all."
         )
     return pair if count > 1 else np.zeros_like(pair)
 
@@ -269,10 +269,10 @@ class EdgeLimits:
             )
         if not self.residual_tolerance > 0.0:
             raise ArgumentError(f"residual_tolerance is {self.residual_tolerance:g}, but must be above 0.")
-        values = dataclasses.asdict(self)
         for name in ("cuts", "max_cycles", "max_period", "max_rounds", "settle_cycles"):
-            if values[name] < 1:
-                raise ArgumentError(f"{name} is {values[name]}. Allowed: whole numbers from 1 on.")
+            value = getattr(self, name)
+            if not (isinstance(value, int | np.integer) and value >= 1):
+                raise ArgumentError(f"{name} is {value}. Allowed: whole numbers from 1 on.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -562,8 +562,7 @@ class Tracking:
     def _distance(self, a: Coordinates, b: Coordinates) -> Float[np.ndarray, " ..."]:
         """The largest relative distance of any coordinate, (n,); infinite where it is NaN."""
         with np.errstate(invalid="ignore"):
-            away = np.abs(self.mapping.difference(a, b)) / sizes(b)
-        return np.nan_to_num(np.max(away, axis=1), nan=np.inf)
+            return self.mapping.distance(b, a)
 
     def _end(self, row: int, label: int) -> None:
         """End a pair with a trajectory whose label is that of neither attractor."""

@@ -246,7 +246,7 @@ def least_fatal_push(
     lengths = Space.of(table, pushes, scales).scales
     size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)
     recovery = table["recovery"].astype(str).to_numpy()
-    size = np.where(np.isin(recovery, FATAL), size, np.inf)
+    size = np.where(np.isin(recovery, FATAL) & np.isfinite(size), size, np.inf)
     records = []
     for panel, rows in panels_of(table, by):
         least = rows[np.argmin(size[rows])]

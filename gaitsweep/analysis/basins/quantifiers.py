@@ -10,6 +10,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Shaped
 
 from gaitsweep.analysis.basins.attractor_matching import follow_attractors
+from gaitsweep.analysis.basins.attractors import orbit_periods
 from gaitsweep.analysis.basins.basin_boundaries import (
     RADIUS,
     boundaries_nearby,
@@ -98,7 +99,7 @@ def _settled_rows(
         parameter, label: the columns of the parameter and of the attractors, in both.
     """
     is_settled = (table["status"].astype(str) == Status.settled.name).to_numpy()
-    settled = np.flatnonzero(is_settled & (table["attractor_period"].to_numpy(float) > 0))
+    settled = np.flatnonzero(is_settled & (orbit_periods(table) > 0))
     values, names = table[parameter].to_numpy(float)[settled], table[label].astype(str).to_numpy()[settled]
     places, rows = [], []
     for place, (value, name) in enumerate(zip(attractors[parameter], attractors[label], strict=True)):

@@ -121,6 +121,24 @@ class ContinuationProblem:
         """All parameters (n,) by name, at these values (n,) of the continuation parameter."""
         return {**self.values, self.parameter: parameter}
 
+    def change(
+        self,
+        begin: Float[np.ndarray, "changes coordinates"],
+        begin_parameter: PerBranch,
+        end: Float[np.ndarray, "*changes coordinates"],
+        end_parameter: PerBranch | float,
+    ) -> Float[np.ndarray, "changes unknowns"]:
+        """The changes (n, m) of the unknowns between coordinates and parameters; those of drifts are 0."""
+        change = np.zeros((len(begin), self.weights.shape[1]))
+        change[:, : begin.shape[1]] = self.mapping.difference(end, begin)
+        change[:, -1] = end_parameter - begin_parameter
+        return change
+
+    def fixed_values(self) -> dict[str, PerBranch]:
+        """The values (n,) of the constrained quantities by name, as `newton` takes them."""
+        names = [self.mapping.conserved[k].name for k in self.constraints.which]
+        return dict(zip(names, self.constraints.values.T, strict=True))
+
     def evaluated(self, points: Points, parameter: PerBranch) -> MapEvaluation:
         """The images with their derivatives at these values (n,) of the parameter."""
         return self.mapping.linearised(points, self.values_at(parameter), self.parameter)
@@ -178,8 +196,8 @@ class ContinuationProblem:
         followed = BranchPoints(points[rows], drift, parameter, tangent, images, count[rows])
         # a branch cannot continue where the map has no derivative; the other branches can
         count[rows[~np.isfinite(tangent).all(axis=1)]] = 0
-        on = np.flatnonzero(count[rows])
-        return branch_points.merged(rows[on], followed[on]), count > 0
+        converged = np.flatnonzero(count[rows])
+        return branch_points.merged(rows[converged], followed[converged]), count > 0
 
     def _correct(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch

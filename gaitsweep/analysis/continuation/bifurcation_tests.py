@@ -337,9 +337,7 @@ class _BranchStep:
 
         None where they lead elsewhere, or where the test function does not tell the kind.
         """
-        if test not in (fold_test, flip_test):
-            return None
-        kind = "fold" if test is fold_test else "flip"
+        kind = "fold" if test is fold_test else "flip" if test is flip_test else ""
         exact = yield from _exact(self.problem, near, kind)
         if exact is None:
             return None

@@ -217,11 +217,11 @@ class BranchFollower:
         for row in rows:
             self._mark_corner(np.array([row]))
         over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
-        good = np.flatnonzero(crossed)
-        self.branch_points = self.branch_points.merged(rows[good], over[good])
+        landed = np.flatnonzero(crossed)
+        self.branch_points = self.branch_points.merged(rows[landed], over[landed])
         self.tests_before[rows] = np.nan
         self.length[rows] = self.steps.first
-        self.table.write(self.numbers[rows[good]], problem[good], over[good], ["kink"] * good.size)
+        self.table.write(self.numbers[rows[landed]], problem[landed], over[landed], ["kink"] * landed.size)
         self._end(rows[~crossed], "lost")
 
     def _mark_corner(self, row: Int[np.ndarray, " 1"]) -> None:
@@ -307,14 +307,15 @@ def _jump_over(
             active, start = problem[rows], before[rows]
             length = share * longest
             if across:
-                after, good = active.step(start, np.full(rows.size, length))
+                after, converged = active.step(start, np.full(rows.size, length))
             else:
-                after, good = _beyond(active, start, length)
-            good = good & (np.sum(active.weights * start.tangent * after.tangent, axis=1) > 0.0)
-            good &= (after.parameter >= problem.low) & (after.parameter <= problem.high)
-            good &= _distance(active, start, after) < 2.0 * longest
-            best = best.merged(rows[good], after[good])
-            landed[rows[good]] = True
+                after, converged = _beyond(active, start, length)
+            ahead_of_start = np.sum(active.weights * start.tangent * after.tangent, axis=1) > 0.0
+            inside = (after.parameter >= problem.low) & (after.parameter <= problem.high)
+            near = _distance(active, start, after) < 2.0 * longest
+            accepted = converged & ahead_of_start & inside & near
+            best = best.merged(rows[accepted], after[accepted])
+            landed[rows[accepted]] = True
     return best, landed
 
 
@@ -326,22 +327,17 @@ def _beyond(
     parameter = before.parameter + change[:, -1]
     size = before.points.at.shape[1]
     starts = Points(before.points.at + change[:, :size], before.points.modes)
-    names = [problem.mapping.conserved[k].name for k in problem.constraints.which]
-    fix = dict(zip(names, problem.constraints.values.T, strict=True))
-    values = problem.values_at(parameter)
+    fix, values = problem.fixed_values(), problem.values_at(parameter)
     fixed = newton(problem.mapping, starts, values, fix=fix, most=10)
-    good = np.flatnonzero(fixed.converged)
-    if not good.size:
+    rows = np.flatnonzero(fixed.converged)
+    if not rows.size:
         return before, fixed.converged
-    sign = np.sign(before.tangent[good, -1])
-    branch_points = problem[good].first(fixed.points[good], fixed.drift[good], parameter[good], sign)
-    return before.merged(good, branch_points), fixed.converged
+    sign = np.sign(before.tangent[rows, -1])
+    branch_points = problem[rows].first(fixed.points[rows], fixed.drift[rows], parameter[rows], sign)
+    return before.merged(rows, branch_points), fixed.converged
 
 
 def _distance(problem: ContinuationProblem, a: BranchPoints, b: BranchPoints) -> PerBranch:
     """The weighted distance between branch points, (n,)."""
-    change = np.zeros_like(problem.weights)
-    size = a.points.at.shape[1]
-    change[:, :size] = problem.mapping.difference(a.points.at, b.points.at)
-    change[:, -1] = a.parameter - b.parameter
+    change = problem.change(b.points.at, b.parameter, a.points.at, a.parameter)
     return np.sqrt(np.sum(problem.weights * change**2, axis=1))

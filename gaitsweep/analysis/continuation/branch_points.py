@@ -24,6 +24,7 @@ from gaitsweep.analysis.continuation.one_sided import (
     both_sides,
     crossing_tangents,
     multiplier_rate,
+    singular_vectors,
 )
 from gaitsweep.engine.poincare.maps import Points
 
@@ -240,8 +241,8 @@ def _directed(at: BranchPoints, tangent: Vector) -> BranchPoints:
 class _Branching:
     """The equations of a branch point at scaled unknowns z (m + 1,), and their second derivatives.
 
-    `miss` (m,) of F, `J` (m, m + 1); `w` (m,), `smallest`, `null` (2, m + 1): left and right singular vectors
-    of the smallest singular value, and the null vector; `bent` (2, m + 1), w' J_z `null`.
+    `miss` (m,) of F, `J` (m, m + 1); `w` (m,), `smallest`, `null` (2, m + 1), as of `singular_vectors`;
+    `bent` (2, m + 1), w' J_z `null`.
     """
 
     miss: Float[np.ndarray, " equations"]
@@ -257,14 +258,13 @@ class _Branching:
         miss, J = problem.scaled_equations(like.points, z[None])
         if not (np.isfinite(J).all() and np.isfinite(miss).all()):
             return None
-        left, values, right = np.linalg.svd(J[0])
-        w, null = left[:, -1], right[-2:]
+        w, smallest, null = singular_vectors(J[0])
         around = z + ALONG * np.stack([null[0], -null[0], null[1], -null[1]])
         jacobians = problem.scaled_equations(like.points, around)[1]
         if not np.isfinite(jacobians).all():
             return None
         bent = w @ (jacobians[::2] - jacobians[1::2]) / (2.0 * ALONG)
-        return cls(miss[0], J[0], w, float(values[-1]), null, bent)
+        return cls(miss[0], J[0], w, smallest, null, bent)
 
     def step(self) -> tuple[Vector, float]:
         """Newton's step (m + 1,) and beta; infinite where the system is singular."""
@@ -316,5 +316,5 @@ def beside(
     images = problem[first].evaluated(points, parameter)
     drift = at.drift + change[:, size:-1]
     guess = BranchPoints(points, drift, parameter, tangents, images, at.corrections[first])
-    corrected, ok = problem[first].step(guess, np.zeros(len(ways)))
-    return corrected[np.flatnonzero(ok)] if ok.any() else None
+    corrected, converged = problem[first].step(guess, np.zeros(len(ways)))
+    return corrected[np.flatnonzero(converged)] if converged.any() else None

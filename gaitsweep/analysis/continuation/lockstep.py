@@ -48,12 +48,12 @@ def in_lockstep(computations: Sequence[Computation[T]]) -> list[T]:
     for number in range(len(computations)):
         advance(number, None)
     while waiting:
-        asked, groups = dict(waiting), {}
+        requests_of_round, groups = dict(waiting), {}
         waiting.clear()
-        for number, request in asked.items():
+        for number, request in requests_of_round.items():
             groups.setdefault((request.mapping, request.over, tuple(request.values)), []).append(number)
         for (mapping, over, names), numbers in groups.items():
-            requests = [asked[number] for number in numbers]
+            requests = [requests_of_round[number] for number in numbers]
             together = {
                 name: np.concatenate([np.broadcast_to(r.values[name], len(r.points)) for r in requests])
                 for name in names

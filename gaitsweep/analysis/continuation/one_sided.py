@@ -118,7 +118,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     miss, J = problem.scaled_equations(at.points, z[None])
     if not (np.isfinite(miss).all() and np.isfinite(J).all()):
         return []
-    w, _, null = _singular_vectors(J[0])
+    w, _, null = singular_vectors(J[0])
     critical, component = _critical(null), _projection(w, at.points) * scale
     if component @ critical == 0.0:
         return []
@@ -188,7 +188,7 @@ def _side(
     _, J = problem.scaled_equations(points, (z + moved)[None])
     if not np.isfinite(J).all():
         return None
-    w, _, null = _singular_vectors(J[0])
+    w, _, null = singular_vectors(J[0])
     outward = _critical(null)
     across = _projection(w, points) * scale
     outward = outward * np.sign((across @ moved) * (across @ outward))
@@ -202,7 +202,7 @@ def _side(
     if not (fixed.all() and continuous.all()):
         return None
     J0 = np.tensordot(LIMIT, jacobians, 1)
-    w, smallest, null = _singular_vectors(J0)
+    w, smallest, null = singular_vectors(J0)
     if smallest > SINGULAR:
         return None
     critical = _critical(null)
@@ -225,7 +225,7 @@ def _side(
     return Side(points, push, near, outward, tangents, jacobian, w, basis, bent)
 
 
-def _singular_vectors(J: Float[np.ndarray, "equations unknowns"]) -> tuple[Vector, float, Plane]:
+def singular_vectors(J: Float[np.ndarray, "equations unknowns"]) -> tuple[Vector, float, Plane]:
     """The left singular vector of the smallest singular value, this value, and the two null vectors."""
     left, values, right = np.linalg.svd(J)
     return left[:, -1], float(values[-1]), right[-2:]

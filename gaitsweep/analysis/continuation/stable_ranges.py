@@ -27,9 +27,9 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
 
     Returns:
         One record a piece: row, gait (the most frequent one, where the table has it; None if none of its
-        points has one), low and high (of the
-        parameter), low_by and high_by (the special point there; kink at a corner or jump of the map; start
-        where the branch begins; range, most, closed or lost where it ends; or empty).
+        points has one), low and high (of the parameter), low_by and high_by (the special point there; kink at
+        a corner or jump of the map; start where the branch begins; range, most, closed or lost where it ends;
+        or empty).
 
     Raises:
         AnalysisError: the table does not have a column.

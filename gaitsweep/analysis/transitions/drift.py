@@ -14,7 +14,14 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float, Int, Real
 
-from gaitsweep.analysis.transitions.smoothing import PerPoint, PointFlags, Smooth, breaks, local_polynomial
+from gaitsweep.analysis.transitions.smoothing import (
+    MapPairs,
+    PerPoint,
+    PointFlags,
+    Smooth,
+    breaks,
+    local_polynomial,
+)
 from gaitsweep.angles import TURN, unwrap_from
 
 RowOfPoint = Real[np.ndarray, " points"]
@@ -26,15 +33,6 @@ _ASTRAY_BANDWIDTHS, _ASTRAY_ERRORS = 0.02, 4.0
 _BRANCH_DISTANCE = 3.0  # least ratio of the distance between two branches of points to their widths
 _LEAST_OF_A_BRANCH, _LEAST_OF_BOTH = 2, 8  # least number of points of each branch, and of both
 AT_REST = 1e-4  # bandwidths a crossing; a slower row is at rest
-
-
-class MapPairs(NamedTuple):
-    """Pairs of a map, (n,) each: value, change, row and share."""
-
-    value: PerPoint
-    change: PerPoint
-    row: RowOfPoint
-    share: PerPoint
 
 
 class Drift(NamedTuple):
@@ -56,7 +54,7 @@ class Drift(NamedTuple):
         best = None
         for width in self.bandwidth * np.array(_NARROWER):
             for degree in (2, 1):
-                smooth = local_polynomial(*self.points, position, width, degree, width == self.bandwidth)
+                smooth = local_polynomial(self.points, position, width, degree, width == self.bandwidth)
                 if np.isfinite(smooth.value[0]):
                     break
             best = smooth if best is None or np.isfinite(smooth.value[0]) else best
@@ -84,11 +82,10 @@ def drifts_of(
     """
     step = bandwidth / POINTS_PER_BANDWIDTH
     order = np.argsort(value, kind="stable")
-    columns = (value, change, row, once_a_place(value, row, step))
-    points = MapPairs(*(values[order] for values in columns))
+    points = MapPairs(value, change, row, once_a_place(value, row, step)).chosen(order)
     first = (np.diff(row, prepend=np.nan) != 0)[order]
     if not circular:
-        broken = breaks(points.value, points.change, points.share, first, bandwidth, step)
+        broken = breaks(points, first, bandwidth, step)
     else:
         broken = _breaks_around(points, first, bandwidth, step)
         if not broken.any():
@@ -112,17 +109,16 @@ def _breaks_around(
 
     The last one is between the last point and the first, a turn later.
     """
-    value, change, _, share = points
-    n = len(value)
+    value, n = points.value, len(points.value)
     # points near the ends of the turn also have neighbours on the other side
     low = int(np.searchsorted(value, value[-1] - 4.0 * bandwidth))
     high = int(np.searchsorted(value, value[0] + 4.0 * bandwidth, "right"))
     around = np.r_[np.arange(low, n) - n, np.arange(n), np.arange(high) + n]
     index = around % n
-    turned = value[index] + TURN * (around // n)
-    broken = breaks(turned, change[index], share[index], first[index], bandwidth, step)
+    turned = points.chosen(index)._replace(value=value[index] + TURN * (around // n))
+    broken = breaks(turned, first[index], bandwidth, step)
     # more than half a turn: not through zero
-    leaps = np.abs(np.diff(change, append=change[0])) > 0.5 * TURN
+    leaps = np.abs(np.diff(points.change, append=points.change[0])) > 0.5 * TURN
     return broken[n - low : n - low + n] | leaps
 
 
@@ -152,11 +148,11 @@ def _closed(points: MapPairs, bandwidth: float, step: float) -> Drift:
 
 def _followed(points: MapPairs, at: Float[np.ndarray, " positions"], bandwidth: float) -> Smooth:
     """The curve through sorted points, in narrower windows where they bend; NaN where none fits."""
-    smooth = local_polynomial(*points, at, bandwidth)
+    smooth = local_polynomial(points, at, bandwidth)
     smooth.value[_twofold(points, smooth, bandwidth)] = np.nan
     wrong = np.flatnonzero(_astray(points, smooth, bandwidth, bandwidth))
     for width in bandwidth * np.array(_NARROWER[1:]):
-        closer = local_polynomial(*points, at[wrong], width, widen=False)
+        closer = local_polynomial(points, at[wrong], width, widen=False)
         for values, better in zip(smooth, closer, strict=True):
             values[wrong] = better
         wrong = wrong[_astray(points, closer, width, bandwidth, strict=True)]
@@ -384,11 +380,11 @@ def _remains(drift: Drift, near: PointFlags, away: PerPoint, width: float) -> _R
     """The remainder of the points `near` a zero, all on one side; None if they are too few for a line."""
     if not near.any():
         return None
-    _, change, row, share = (values[near] for values in drift.points)
-    smooth = local_polynomial(away[near], change, row, share, np.zeros(1), width)
+    points = drift.points.chosen(near)._replace(value=away[near])
+    smooth = local_polynomial(points, np.zeros(1), width)
     if not np.isfinite(smooth.value[0]):
         return None
-    size = float(np.average(np.abs(change), weights=share))
+    size = float(np.average(np.abs(points.change), weights=points.share))
     return _Remainder(float(smooth.value[0]), float(smooth.value_error[0]), size)
 
 

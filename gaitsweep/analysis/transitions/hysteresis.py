@@ -174,7 +174,7 @@ def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: flo
     passes = sum(len(np.unique(course.passes)) for course in courses(table, observable, parameter))
     if not passes:
         return f"No row has two records with a value of {observable}."
-    irregular = len(irregular_passes(table, observable, parameter, LEAST_JUMP if least is None else least))
+    irregular = len(irregular_passes(table, observable, parameter, least))
     if irregular == passes:
         return f"No pass follows a branch of {observable}: all {passes} jump to and fro."
     if least is None and "stair" in table.columns:

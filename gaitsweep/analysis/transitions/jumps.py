@@ -120,12 +120,7 @@ def largest_jumps(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    all_jumps = jumps(table, observable, parameter, least)
-    if least is None:  # as in `jump_intervals`
-        irregular = irregular_passes(table, observable, parameter)
-    else:
-        irregular = _irregular(all_jumps, table, observable, parameter, least)
-    steady = _without_passes(all_jumps, irregular)
+    steady = _on_branches(table, observable, parameter, least)
     largest = steady.assign(height=steady["size"].abs()).sort_values("height", kind="stable")
     return largest.drop_duplicates(["row", "pass"], keep="last").drop(columns="height").sort_index()
 
@@ -145,8 +140,7 @@ def jump_intervals(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    irregular = irregular_passes(table, observable, parameter, LEAST_JUMP if least is None else least)
-    steady = _without_passes(jumps(table, observable, parameter, least), irregular)
+    steady = _on_branches(table, observable, parameter, least)
     records = []
     for _, part in steady.sort_values("low").groupby(["pass", "direction"]):
         number, direction = part["pass"].iloc[0], part["direction"].iloc[0]
@@ -159,7 +153,7 @@ def jump_intervals(
 
 
 def irregular_passes(
-    table: pd.DataFrame, observable: str, parameter: str, least: float = LEAST_JUMP
+    table: pd.DataFrame, observable: str, parameter: str, least: float | None = None
 ) -> pd.DataFrame:
     """The passes on no branch (row, pass), which reverse direction at least twice, by `least` or more.
 
@@ -167,12 +161,22 @@ def irregular_passes(
     slope against a jump.
 
     Args:
-        table, observable, parameter, least: as for `jumps`.
+        table, observable, parameter: as for `jumps`.
+        least: the least change of a jump, in the observable's unit; `LEAST_JUMP` by default.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
-    return _irregular(jumps(table, observable, parameter, least), table, observable, parameter, least)
+    least = LEAST_JUMP if least is None else least
+    all_jumps = jumps(table, observable, parameter, least)
+    oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
+    passes = {(row, int(number)) for row, number in oscillating}
+    for course in courses(table, observable, parameter):
+        slopes = _without_jumps(course, least)
+        for number in np.unique(course.passes):
+            if _reversals(slopes[records_of(course, int(number))], least) >= 2:
+                passes.add((course.first["row"], int(number)))
+    return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
@@ -199,7 +203,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         )
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
-    table = table.loc[sound(table, name, parameter)]
+    table = table.loc[sound(table, name, parameter, "pass")]
     values = table[name].to_numpy(float)
     values = unwrap_from(values, branch_cut(values)) if circular and len(values) else values
     large = LEAST_SHARE * float(np.ptp(values)) if len(values) else 0.0
@@ -307,24 +311,12 @@ def _along_crossings(value: Float[np.ndarray, " records"], least: float) -> list
     ]
 
 
-def _irregular(
-    all_jumps: pd.DataFrame, table: pd.DataFrame, observable: str, parameter: str, least: float
-) -> pd.DataFrame:
-    """The `irregular_passes` of a table whose `jumps` are found."""
-    oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
-    passes = {(row, int(number)) for row, number in oscillating}
-    for course in courses(table, observable, parameter):
-        slopes = _without_jumps(course, least)
-        for number in np.unique(course.passes):
-            if _reversals(slopes[records_of(course, int(number))], least) >= 2:
-                passes.add((course.first["row"], int(number)))
-    return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
-
-
-def _without_passes(all_jumps: pd.DataFrame, passes: pd.DataFrame) -> pd.DataFrame:
-    """The `jumps` without those of some passes (row, pass)."""
+def _on_branches(table: pd.DataFrame, observable: str, parameter: str, least: float | None) -> pd.DataFrame:
+    """The `jumps` without those of `irregular_passes`."""
+    all_jumps = jumps(table, observable, parameter, least)
+    irregular = pd.MultiIndex.from_frame(irregular_passes(table, observable, parameter, least))
     of_jumps = pd.MultiIndex.from_arrays([all_jumps["row"], all_jumps["pass"]])
-    return all_jumps.iloc[np.flatnonzero(~of_jumps.isin(pd.MultiIndex.from_frame(passes)))]
+    return all_jumps.iloc[np.flatnonzero(~of_jumps.isin(irregular))]
 
 
 def lower_median(values: ArrayLike) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float, Int, Real
 
+PerPoint = Float[np.ndarray, " points"]  # a number for each point
 PointFlags = Bool[np.ndarray, " points"]
 _NEIGHBOURS = 12  # spacings on either side that tell how densely the points lie at a place
 _GAP_RATIO = 4.0  # least ratio of a gap to those spacings, or
@@ -21,9 +22,20 @@ _LEAST_WEIGHT = 4.0  # points, by their shares, in a line on either side
 _SHARE_OF_LEAP = (1.0 / 3.0, 2.0)
 
 
-def breaks(
-    value: PerPoint, change: PerPoint, share: PerPoint, first: PointFlags, bandwidth: float, step: float
-) -> Bool[np.ndarray, " gaps"]:
+class MapPairs(NamedTuple):
+    """Pairs of a map, (n,) each: its value, the change to the next one, the row, and the weight."""
+
+    value: PerPoint
+    change: PerPoint
+    row: Real[np.ndarray, " points"]
+    share: PerPoint
+
+    def chosen(self, which: PointFlags | Int[np.ndarray, " chosen"]) -> MapPairs:
+        """Some of the pairs, by a mask (n,) or by their indices."""
+        return MapPairs(*(values[which] for values in self))
+
+
+def breaks(points: MapPairs, first: PointFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
     """Whether there is a break, a gap or a jump, after each of the points sorted by value, bool (n - 1,).
 
     A curve across a break would have values that no trajectory has, and false zeros of the drift.
@@ -34,14 +46,14 @@ def breaks(
     the middle, by 6 standard errors and by 3 times their largest residual.
 
     Args:
-        value, change, share: the points as `Drift` has them, (n,), sorted by value.
+        points: the points, sorted by value.
         first: which of them is the first of its row, bool (n,).
         bandwidth: half the width of the smoothing window, in the unit of the value.
         step: the distance below which places count as one.
     """
-    if len(value) < 2:
+    if len(points.value) < 2:
         return np.zeros(0, bool)
-    return _gaps(value, first, bandwidth, step) | _jumps(value, change, share, bandwidth, step)
+    return _gaps(points.value, first, bandwidth, step) | _jumps(points, bandwidth, step)
 
 
 def _gaps(value: PerPoint, first: PointFlags, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
@@ -71,20 +83,19 @@ def _gaps(value: PerPoint, first: PointFlags, bandwidth: float, step: float) -> 
     return wide
 
 
-def _jumps(
-    value: PerPoint, change: PerPoint, share: PerPoint, bandwidth: float, step: float
-) -> Bool[np.ndarray, " gaps"]:
+def _jumps(points: MapPairs, bandwidth: float, step: float) -> Bool[np.ndarray, " gaps"]:
     """Whether there is a jump after each point, as for `breaks`."""
+    value = points.value
     jumps = np.zeros(len(value) - 1, bool)
-    difference = np.abs(np.diff(change))
+    difference = np.abs(np.diff(points.change))
     # a jump is far larger than what the points around it differ by, from one to the next
     usual = scipy.ndimage.median_filter(difference, 2 * _NEIGHBOURS + 1, mode="nearest")
     largest = scipy.ndimage.maximum_filter1d(difference, 3, mode="nearest")
     suspect = (difference > 3.0 * usual) & (difference >= largest) & (difference > 0.0)
     for k in np.flatnonzero(suspect).tolist():
         middle = 0.5 * float(value[k] + value[k + 1])
-        below = _line(value, change, share, k, -1, middle, bandwidth, step)
-        above = _line(value, change, share, k + 1, 1, middle, bandwidth, step)
+        below = _line(points, k, -1, middle, bandwidth, step)
+        above = _line(points, k + 1, 1, middle, bandwidth, step)
         if below is None or above is None:
             continue
         leap = abs(above.value - below.value)
@@ -105,20 +116,12 @@ class _Line(NamedTuple):
     residual: float
 
 
-def _line(
-    value: PerPoint,
-    change: PerPoint,
-    share: PerPoint,
-    k: int,
-    way: int,
-    place: float,
-    bandwidth: float,
-    step: float,
-) -> _Line | None:
-    """The line through point k and some beyond it, at a place; None if they are too few."""
+def _line(points: MapPairs, k: int, way: int, place: float, bandwidth: float, step: float) -> _Line | None:
+    """The line through point k and some above it (`way` 1) or below (-1); None if they are too few."""
+    value = points.value
     last = int(np.searchsorted(value, value[k] + way * bandwidth, "right" if way > 0 else "left"))
-    pairs = np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1)
-    x, y, weight = np.abs(value[pairs] - place), change[pairs], share[pairs]
+    near = points.chosen(np.arange(k, last) if way > 0 else np.arange(k, last - 1, -1))
+    x, y, weight = np.abs(near.value - place), near.change, near.share
     enough = (np.cumsum(weight) >= _LEAST_WEIGHT) & (x - x[:1] >= step) & (np.arange(len(x)) >= 3)
     if not enough.any():
         return None
@@ -132,13 +135,12 @@ def _line(
     return _Line(float(height), error, float(np.abs(residual).max()))
 
 
-PerPoint = Float[np.ndarray, " points"]  # a number for each point
 LEAST = (3.0, 6.0)  # least weight of the points in the window of a line and of a parabola
 SPREAD = 0.02  # least variance of these points, in squared bandwidths; 0.2 if evenly spread
 WIDER = (1.0, 1.5, 2.25)  # bandwidths tried for a line where points are few
 _WORST = 1e9  # largest condition number of a fit
 _BENT = 3.0  # least curvature of a parabola, in standard errors
-LEAST_GROUPS = 12  # least number of groups for clustered errors, which are too small with fewer
+LEAST_ROWS = 12  # least number of rows for errors clustered by row, which are too small with fewer
 
 
 class _Fit(NamedTuple):
@@ -165,35 +167,29 @@ class Smooth(NamedTuple):
 
 
 def local_polynomial(
-    x: PerPoint,
-    y: PerPoint,
-    group: Real[np.ndarray, " points"],
-    share: PerPoint,
+    points: MapPairs,
     at: Float[np.ndarray, " positions"],
     bandwidth: float,
     degree: int = 1,
     widen: bool = True,
 ) -> Smooth:
-    """Fit a line or a parabola around each position, with weights that fall to zero at `bandwidth`.
+    """Fit the change over the value around each position, with weights that fall to zero at `bandwidth`.
 
     The weights are Epanechnikov's, 1 - (distance/bandwidth)^2. If the points within a bandwidth are too few
     or coincide, a line is fitted to those within 1.5 or 2.25 bandwidths, if that helps. The errors are
-    heteroscedastic (jackknifed residuals in a sandwich estimator), with correlated errors within groups. They
+    heteroscedastic (jackknifed residuals in a sandwich estimator), with correlated errors within rows. They
     do not contain the bias of a line by curvature: bandwidth^2/10 times the second derivative for the value
     amid the data, and about half a bandwidth times it for the slope at their end. A parabola has no such
     bias.
 
     Args:
-        x, y: the points, (n,).
-        group: the group of each point, such as its row, (n,).
-        share: the weight of each point in the test for enough points, (n,).
+        points: the points; their shares count in the test for enough points alone.
         at: the positions, (k,).
-        bandwidth: half the width of the window, in the unit of x.
-        degree: 1 or 2; a parabola is fitted only if its curvature is three standard errors from zero.
+        bandwidth: half the width of the window, in the unit of the value.
+        degree: 1, a line, or 2, a parabola, fitted only if its curvature is three standard errors from zero.
         widen: whether the window of a line may be widened where points are few.
     """
-    order = np.argsort(x, kind="stable")
-    x, y, group, share = x[order], y[order], group[order], share[order]
+    x, y, row, share = points.chosen(np.argsort(points.value, kind="stable"))
     widths = bandwidth * np.array(WIDER if degree == 1 and widen else WIDER[:1])
     lines = []
     for place in at:
@@ -201,13 +197,13 @@ def local_polynomial(
         for width in widths:
             low, high = np.searchsorted(x, place - width, "left"), np.searchsorted(x, place + width, "right")
             near = slice(low, high)
-            fit = _fit((x[near] - place) / width, y[near], group[near], share[near], degree)
+            fit = _fit((x[near] - place) / width, y[near], row[near], share[near], degree)
             line = (fit.value, fit.slope / width, fit.value_error, fit.slope_error / width, high - low)
             if np.isfinite(fit.value):
                 break
         lines.append(line)
-    value, slope, value_error, slope_error, points = np.array(lines, float).reshape(-1, 5).T
-    return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, points.astype(int))
+    value, slope, value_error, slope_error, counts = np.array(lines, float).reshape(-1, 5).T
+    return Smooth(np.asarray(at, float), value, slope, value_error, slope_error, counts.astype(int))
 
 
 def _enough(distance: PerPoint, weight: PerPoint, least: float) -> bool:
@@ -219,7 +215,7 @@ def _enough(distance: PerPoint, weight: PerPoint, least: float) -> bool:
 
 
 def _fit(
-    distance: PerPoint, y: PerPoint, group: Real[np.ndarray, " points"], share: PerPoint, degree: int
+    distance: PerPoint, y: PerPoint, row: Real[np.ndarray, " points"], share: PerPoint, degree: int
 ) -> _Fit:
     """The value, slope and their standard errors at distance 0, for bandwidth 1."""
     weight = 1.0 - distance**2
@@ -236,10 +232,10 @@ def _fit(
     leverage = weight * np.einsum("ij,jk,ik->i", design, inverse, design)
     residual = (y - design @ fit) / np.maximum(1.0 - leverage, 0.1)
     scores = (weight * residual)[:, None] * design
-    names, member = np.unique(group, return_inverse=True)
-    if len(names) >= LEAST_GROUPS:
+    rows, member = np.unique(row, return_inverse=True)
+    if len(rows) >= LEAST_ROWS:
         scores = np.stack([np.bincount(member, column) for column in scores.T], axis=1)
-        scores *= np.sqrt(len(names) / (len(names) - 1))
+        scores *= np.sqrt(len(rows) / (len(rows) - 1))
     spread = inverse @ (scores.T @ scores) @ inverse
     errors = np.sqrt(np.maximum(np.diag(spread), 0.0))
     if degree == 2 and abs(fit[2]) < _BENT * errors[2]:
