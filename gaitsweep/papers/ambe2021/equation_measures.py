@@ -163,15 +163,13 @@ def force_balance_error() -> float:
     """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
     values = chain_defaults()
     random = np.random.default_rng(1)
-    N = SPRINGS
-    legs = N + 1
     chain = Chain(**{name: values[name] for name in Chain._fields})
-    mass = np.asarray(masses(N, chain))
-    heights = _equilibrium(N, chain)
+    mass = np.asarray(masses(SPRINGS, chain))
+    solve = _equilibrium(SPRINGS, chain)
     largest = 0.0
     for _ in range(50):
-        length = values["L"] - random.uniform(0.0, values["a"], legs)
-        x, load = (np.asarray(solved)[0] for solved in heights(length[None]))
+        length = values["L"] - random.uniform(0.0, values["a"], SPRINGS + 1)
+        x, load = (np.asarray(solved)[0] for solved in solve(length[None]))
         pull = values["kappa"] * np.diff(x)
         sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - mass * values["g"]
         in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
@@ -183,13 +181,8 @@ def _equilibrium(
     N: int, chain: Chain
 ) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
     """Heights (m) and loads (N) of a chain with N springs from its leg lengths (n, N+1), by eq. (8)."""
-    kappa, mass = springs(N, chain), masses(N, chain)
-    g = jnp.asarray(chain.g)
-
-    def heights_and_loads(length: Float[Array, " legs"]) -> tuple[jax.Array, jax.Array]:
-        return obstacle_problem(length, mass, kappa, g)
-
-    return jax.jit(jax.vmap(heights_and_loads))
+    kappa, mass, g = springs(N, chain), masses(N, chain), jnp.asarray(chain.g)
+    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, mass, kappa, g)))
 
 
 @measure

@@ -57,18 +57,16 @@ def hysteresis_widths(
         AnalysisError: the observable does not jump in each direction.
     """
     points = transition_points(table, observable, parameter, by=[] if by is None else [by])
-    groups = [("", points)]
-    if by is not None:
-        values = sorted(table[by].dropna().unique())
-        groups = [(f" at {by} = {value}", masked(points, points[by] == value)) for value in values]
-    widths = []
-    for place, points_of_group in groups:
-        otherwise = f"The observable does not jump in each direction{place}."
-        rising, falling = (
-            _middle_of_first(points_of_group, direction, otherwise) for direction in get_args(Direction)
-        )
-        widths.append(rising - falling)
-    return widths
+
+    def width(group: pd.DataFrame, place: str) -> float:
+        otherwise = f"{observable} does not jump in each direction{place}."
+        rising, falling = (_middle_of_first(group, way, otherwise) for way in get_args(Direction))
+        return rising - falling
+
+    if by is None:
+        return [width(points, "")]
+    values = sorted(table[by].dropna().unique())
+    return [width(masked(points, points[by] == value), f" at {by} = {value}") for value in values]
 
 
 @measure
@@ -90,17 +88,17 @@ def bistable_ranges(
     """
     require(table, "settled", parameter, f"{observable}_n", by)
     width_of_stair = _widths_of_stairs(table, parameter)
+
+    def differ(angles: pd.Series) -> bool:
+        return bool(np.ptp(wrapped_difference(angles.to_numpy(float) - angles.iloc[0])) > apart)
+
     lengths = []
     for group, holds in table.groupby(by, sort=True, observed=True):
         settled = masked(holds, holds["settled"].astype(bool))
         if settled.empty:
             raise AnalysisError(f"No hold settled at {by} = {group}.")
-        length = 0.0
-        for stair, holds_at_stair in settled.groupby(settled[parameter].round(9)):
-            angles = holds_at_stair[f"{observable}_n"].to_numpy(float)
-            if np.ptp(wrapped_difference(angles - angles[0])) > apart:
-                length += width_of_stair[stair]
-        lengths.append(length)
+        stairs = settled[f"{observable}_n"].groupby(settled[parameter].round(9))
+        lengths.append(float(sum(width_of_stair[stair] for stair, angles in stairs if differ(angles))))
     return lengths
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_of, springs_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
@@ -149,7 +149,7 @@ def _pairs(
     table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
-    others = [name for name in (*Chain._fields, *profile_parameters_of(table)) if name not in ends]
+    others = [name for name in (*Chain._fields, *profile_of(table)) if name not in ends]
     for name in others:
         if name in table and len(table[name].unique()) > 1:
             raise PlotError(

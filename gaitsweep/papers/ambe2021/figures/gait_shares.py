@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_of
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -168,7 +168,7 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
     A profile has none, since its inner legs do not share one m, kappa and a.
     """
-    if profile_parameters_of(table):
+    if profile_of(table):
         return
     low, high = axes.get_xlim(), axes.get_ylim()
     along = _along(low, 401, axes.get_xscale())

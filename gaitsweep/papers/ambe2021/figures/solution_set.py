@@ -18,7 +18,7 @@ from gaitsweep.analyses import in_order
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
-    profile_parameters_of,
+    profile_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST_PIECE, segments
@@ -219,7 +219,7 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
         return none, "they are known for psi_1, psi_2 and psi_3 only."
     if "psi_4_end" in table.columns:
         return none, "they are drawn for N = 3 only."
-    names = (*Chain._fields, "m_B", *profile_parameters_of(table))
+    names = (*Chain._fields, "m_B", *profile_of(table))
     varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
     if varied:
         return none, f"{', '.join(varied)} varies."

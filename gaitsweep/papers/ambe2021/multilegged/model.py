@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Mapping
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -83,17 +84,7 @@ class ChainModel(HybridModel):
     )
 
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
-    bibtex: ClassVar[str] = """\
-@article{ambe2021,
-  author = {Ambe, Yuichi and Aoi, Shinya and Tsuchiya, Kazuo and Matsuno, Fumitoshi},
-  title = {Generation of direct-, retrograde-, and source-wave gaits in multi-legged locomotion in a
-    decentralized manner via embodied sensorimotor interaction},
-  journal = {Frontiers in Neural Circuits},
-  year = {2021},
-  volume = {15},
-  pages = {706064},
-  doi = {10.3389/fncir.2021.706064}
-}"""
+    bibtex: ClassVar[str] = Path(__file__).parents[1].joinpath("paper.bib").read_text(encoding="utf-8")
     gaits: ClassVar[tuple[str, ...]] = GAITS
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
@@ -39,21 +39,15 @@ def has_fallen(q: jax.Array, standing: jax.Array, ground: jax.Array | None = Non
     return (height < FALL_HEIGHT * standing) | rolled | pitched | twisted
 
 
-class _Rises(NamedTuple):
-    """Vertical components of the front body's axes, each times `norm`, the quaternion's squared norm."""
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """The vertical components of the front body's axes x, y and z at positions q (16,), each times a norm.
 
-    ahead: jax.Array
-    side: jax.Array
-    up: jax.Array
-    norm: jax.Array
-
-
-def _rises(q: jax.Array) -> _Rises:
-    """The vertical components of the front body's axes at positions q (16,)."""
+    The last result is this norm, the quaternion's squared length.
+    """
     w, x, y, z = q[3:7]
     norm = w * w + x * x + y * y + z * z
     ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
-    return _Rises(ahead, side, up, norm)
+    return ahead, side, up, norm
 
 
 def joint_angles(

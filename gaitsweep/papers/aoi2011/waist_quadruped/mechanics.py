@@ -236,13 +236,11 @@ class WaistMechanics:
             return [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
         x = anchors[:, 0]
         axes, points = ground_axes(self.ground, x), jnp.stack([x, anchors[:, 1], self.ground(x)], axis=1)
-        zero = jnp.zeros(2)
-        return [
-            anchored_force(
-                axes[i] @ (at[i] - points[i]), axes[i] @ speed[i], zero, contact[i], *self._ground()
-            )
-            for i in LIMBS
-        ]
+        forces = []
+        for i in LIMBS:
+            along = axes[i] @ (at[i] - points[i]), axes[i] @ speed[i]
+            forces.append(anchored_force(*along, jnp.zeros(2), contact[i], *self._ground()))
+        return forces
 
     def heights(self, at: jax.Array) -> jax.Array:
         """Distances (4,) m of the feet, at positions (4, 3) m, from the ground; negative below it."""
@@ -302,17 +300,10 @@ class WaistMechanics:
 
         Counted are the roll inertias of flat bodies, and the limbs' masses at their hips.
         """
-        halves = (
-            (self.front_mass, self.front_width, self.front_hip_y),
-            (self.rear_mass, self.rear_width, self.rear_hip_y),
-        )
-        return sum(
-            (
-                1.0 / (mass * width**2 / 12.0 + 4.0 * self.link_mass * hip_y**2)
-                for mass, width, hip_y in halves
-            ),
-            jnp.zeros_like(self.g),
-        )
+        limbs = 4.0 * self.link_mass
+        front = self.front_mass * self.front_width**2 / 12.0 + limbs * self.front_hip_y**2
+        rear = self.rear_mass * self.rear_width**2 / 12.0 + limbs * self.rear_hip_y**2
+        return 1.0 / front + 1.0 / rear
 
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""

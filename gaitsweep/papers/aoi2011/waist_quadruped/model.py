@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
@@ -88,17 +89,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
-    bibtex: ClassVar[str] = """\
-@article{aoi2011,
-  author = {Aoi, Shinya and Yamashita, Tsuyoshi and Tsuchiya, Kazuo},
-  title = {Hysteresis in the gait transition of a quadruped investigated using simple body mechanical and
-    oscillator network models},
-  journal = {Physical Review E},
-  year = {2011},
-  volume = {83},
-  pages = {061909},
-  doi = {10.1103/PhysRevE.83.061909}
-}"""
+    bibtex: ClassVar[str] = Path(__file__).parents[1].joinpath("paper.bib").read_text(encoding="utf-8")
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
 
     def __post_init__(self) -> None:

@@ -270,8 +270,7 @@ def harmonics(
     phase: Float[np.ndarray, " samples"], signal: Float[np.ndarray, " samples"]
 ) -> tuple[float, float]:
     """The amplitudes of a signal at once and twice the frequency of its phase (cycles), in its unit."""
-    once = 2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * phase)))
-    twice = 2.0 * np.abs(np.mean(signal * np.exp(-4j * np.pi * phase)))
+    once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * n * np.pi * phase))) for n in (1, 2))
     return float(once), float(twice)
 
 
