@@ -90,7 +90,7 @@ class PlanarMechanics:
         return dataclasses.replace(of_mjcf, **stacked, damping=damping, armature=dt * damping)
 
     def _lower(self) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Mass (kg) of a lower leg with its foot, centre of mass above the sole (m), inertia there (kg m2)."""
+        """Mass (kg) of a lower leg with its foot, centre of mass above the sole (m), inertia (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
         d = 0.5 * self.lower_length  # between the centres of the shin and of the foot
