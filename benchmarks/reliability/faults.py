@@ -78,7 +78,7 @@ FAULTS = {
     "aoi2011": (
         Fault("waist twice as fast", _WAIST + "model.py", 'TWO_PI * v["f"]', '2.0 * TWO_PI * v["f"]'),
         Fault("no reset", _WAIST + "rhythm.py", "(p.resetting > 0.0)", "(p.resetting < 0.0)"),
-        Fault("hind limbs in phase", _WAIST + "rhythm.py", "s.phi[3] - p.delta_star_34", "s.phi[3]"),
+        Fault("hind limbs in phase", _WAIST + "rhythm.py", "s.phi[3] - p.delta_star[\"34\"]", "s.phi[3]"),
         Fault("hind limbs' motors exchanged", _WAIST + "kinematics.py",
               "(7, 9, 12, 14), (8, 10, 13, 15)", "(7, 9, 14, 12), (8, 10, 15, 13)"),
         Fault("starts with the other limb ahead", _WAIST + "model.py",

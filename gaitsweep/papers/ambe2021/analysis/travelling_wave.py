@@ -25,7 +25,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, free_link, gait_of, nearest_set
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
 from gaitsweep.status import Status
 
 MID_STANCE = np.pi  # rad, the phase whose passage is timed: far from the phase reset
@@ -77,7 +77,9 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
     """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
     swings = passages(part)
     branch, distance = nearest_set(N, chain, relative_phases(part))
-    lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
+    # link k of set A moves with the free one
+    not_of_wave = [free_link(N, branch), *([branch.k] if branch.kind == "A" else [])]
+    lags = np.delete(np.minimum(swings.leads, swings.period - swings.leads), np.array(not_of_wave) - 1)
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
     theory = (np.nan,) * 3 if chain.has_profile else (wavelength(chain), *wave_speed(omega, chain))
     return {
@@ -92,12 +94,6 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
         "speed": 1.0 / lags.mean(),
         **dict(zip(("wavelength_27", "speed_28", "speed_exact"), map(float, theory), strict=True)),
     }
-
-
-def links_of_wave(N: int, branch: Branch) -> Int[np.ndarray, " links"]:
-    """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
-    left_out = [free_link(N, branch), *([branch.k] if branch.kind == "A" else [])]
-    return np.setdiff1d(np.arange(1, N + 1), left_out)
 
 
 def passages(part: pd.DataFrame) -> Passages:

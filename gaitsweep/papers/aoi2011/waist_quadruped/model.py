@@ -14,6 +14,7 @@ inside a step. The body is gaitsweep's articulated tree, or MJX's (`body: mjx`),
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -155,6 +156,12 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
             **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
+            K={f"{i}{j}": v[f"K_{i}{j}"] for i, j in itertools.permutations(range(1, 5), 2)},
+            delta_star={
+                f"{i}{j}": v[f"delta_star_{i}{j}"] for i, j in itertools.combinations(range(1, 5), 2)
+            },
+            gait_centres=jnp.stack([v[f"{gait}_centre"] for gait in self.gaits[:-1]]),
+            gait_widths=jnp.stack([v[f"{gait}_width"] for gait in self.gaits[:-1]]),
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
@@ -241,11 +248,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         self, params: Params, observations: Mapping[str, Real[Array, ""]]
     ) -> dict[str, Real[Array, ""]]:
         """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
-        p, delta = params, observations["delta_13"]
-        centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
-        widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
-        distance = jnp.abs(wrapped(delta - centres + jnp.pi) - jnp.pi)
-        distance = jnp.where(distance < widths, distance, jnp.inf)
+        distance = jnp.abs(wrapped(observations["delta_13"] - params.gait_centres + jnp.pi) - jnp.pi)
+        distance = jnp.where(distance < params.gait_widths, distance, jnp.inf)
         gait = jnp.where(jnp.min(distance) < jnp.inf, jnp.argmin(distance), len(self.gaits) - 1)
         return {"gait": gait}
 

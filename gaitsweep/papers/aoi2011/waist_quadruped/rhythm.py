@@ -37,20 +37,20 @@ def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
         p, s: parameters and state.
         coupling: gain with which delta_13 is pulled to `s.held_lead`, rad/s.
     """
-    fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
-    hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
+    fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star["12"])
+    hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star["34"])
     # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
-    sine_13 = jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13)
-    sine_24 = jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24)
-    sine_14 = jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14)
-    sine_23 = jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23)
+    sine_13 = jnp.sin(s.phi[0] - s.phi[2] - p.delta_star["13"])
+    sine_24 = jnp.sin(s.phi[1] - s.phi[3] - p.delta_star["24"])
+    sine_14 = jnp.sin(s.phi[0] - s.phi[3] - p.delta_star["14"])
+    sine_23 = jnp.sin(s.phi[1] - s.phi[2] - p.delta_star["23"])
     hold_13 = coupling * jnp.sin(s.phi[0] - s.phi[2] - s.held_lead)
     hold_24 = coupling * jnp.sin(s.phi[1] - s.phi[3] - s.held_lead)
     pull = [
-        -p.K_12 * fore - hold_13 - (p.K_13 * sine_13 + p.K_14 * sine_14),
-        p.K_21 * fore - hold_24 - (p.K_24 * sine_24 + p.K_23 * sine_23),
-        -p.K_34 * hind + hold_13 + (p.K_31 * sine_13 + p.K_32 * sine_23),
-        p.K_43 * hind + hold_24 + (p.K_42 * sine_24 + p.K_41 * sine_14),
+        -p.K["12"] * fore - hold_13 - (p.K["13"] * sine_13 + p.K["14"] * sine_14),
+        p.K["21"] * fore - hold_24 - (p.K["24"] * sine_24 + p.K["23"] * sine_23),
+        -p.K["34"] * hind + hold_13 + (p.K["31"] * sine_13 + p.K["32"] * sine_23),
+        p.K["43"] * hind + hold_24 + (p.K["42"] * sine_24 + p.K["41"] * sine_14),
     ]
     return p.omega + jnp.stack(pull)
 

@@ -41,28 +41,19 @@ _LINKS = 8  # of the limbs
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """Parameters as in the equations; units as in `PARAMETERS`."""
+    """Parameters as in the equations; units as in `PARAMETERS`.
 
+    `K` has the gain with which limb j pulls limb i, K_ij, and `delta_star` the desired lead of limb i over
+    limb j, i < j, both by the two numbers, such as "12". `gait_centres` and `gait_widths` (3,) are those of
+    walk, trot and pace.
+    """
+
+    K: dict[str, jax.Array]
+    delta_star: dict[str, jax.Array]
+    gait_centres: jax.Array
+    gait_widths: jax.Array
     beta: jax.Array
     T_sw: jax.Array
-    K_12: jax.Array
-    K_21: jax.Array
-    K_34: jax.Array
-    K_43: jax.Array
-    K_13: jax.Array
-    K_31: jax.Array
-    K_24: jax.Array
-    K_42: jax.Array
-    K_14: jax.Array
-    K_41: jax.Array
-    K_23: jax.Array
-    K_32: jax.Array
-    delta_star_12: jax.Array
-    delta_star_34: jax.Array
-    delta_star_13: jax.Array
-    delta_star_24: jax.Array
-    delta_star_14: jax.Array
-    delta_star_23: jax.Array
     resetting: jax.Array
     T_grow: jax.Array
     T_hold: jax.Array
@@ -79,12 +70,6 @@ class Params:
     landing_actual: jax.Array
     swing_ease: jax.Array
     anchor_kept: jax.Array
-    walk_centre: jax.Array
-    walk_width: jax.Array
-    trot_centre: jax.Array
-    trot_width: jax.Array
-    pace_centre: jax.Array
-    pace_width: jax.Array
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
     mechanics: WaistMechanics
