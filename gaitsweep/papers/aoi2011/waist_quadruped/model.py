@@ -156,10 +156,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
             **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
-            K={f"{i}{j}": v[f"K_{i}{j}"] for i, j in itertools.permutations(range(1, 5), 2)},
-            delta_star={
-                f"{i}{j}": v[f"delta_star_{i}{j}"] for i, j in itertools.combinations(range(1, 5), 2)
-            },
+            K={i + j: v[f"K_{i}{j}"] for i, j in itertools.permutations("1234", 2)},
+            delta_star={i + j: v[f"delta_star_{i}{j}"] for i, j in itertools.combinations("1234", 2)},
             gait_centres=jnp.stack([v[f"{gait}_centre"] for gait in self.gaits[:-1]]),
             gait_widths=jnp.stack([v[f"{gait}_width"] for gait in self.gaits[:-1]]),
             omega=TWO_PI / cycle,

@@ -128,12 +128,10 @@ def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
     rows_by_name: dict[str, list[Any]] = {}
     for row, name in names.items():
         # a name without a value is the row's number, which says nothing of its parameters
-        rows_by_name.setdefault(name if "=" in name else "", []).append(row)
+        rows_by_name.setdefault(f"{name}, " if "=" in name else "", []).append(row)
     for name, rows in rows_by_name.items():
-        if len(rows) == 1:
-            continue
-        for number, row in enumerate(rows, start=1):
-            names[row] = f"{name}, start {number}" if name else f"start {number}"
+        if len(rows) > 1:
+            names |= {row: f"{name}start {number}" for number, row in enumerate(rows, start=1)}
     return names
 
 
@@ -212,9 +210,8 @@ def _bar(
 
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
-_HIDING_DISTANCE = (
-    0.02  # distance below which points would hide each other, as a share of the range of speeds
-)
+# Distance below which points would hide each other, as a share of the range of speeds.
+_HIDING_DISTANCE = 0.02
 
 
 def _check_bands(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
