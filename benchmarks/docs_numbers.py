@@ -226,15 +226,25 @@ def compared(check: Check, outputs: Outputs) -> Iterator[tuple[int, str, str]]:
     except ChildProcessError as error:
         printed, problem = "", f"differs: {error}"
     for line in check.lines:
-        result = next(filter(None, map(line.pattern.search, printed.splitlines())), None)
+        equal = _most_equal(line, printed)
         for i, stated in enumerate(line.stated):
-            if problem or result is None:
+            if problem or not equal:
                 outcome = problem or "differs: the command prints no such line"
-            elif stated.equals(result[i + 1]):
-                outcome = "equal"
             else:
-                outcome = f"differs: the command prints {result[i + 1]}"
+                outcome = equal[i]
             yield line.number, stated.digits, outcome
+
+
+def _most_equal(line: Line, printed: str) -> list[str]:
+    """The outcomes of a line's numbers, by the first line of the output in which most of them are equal."""
+    outcomes = [
+        [
+            "equal" if stated.equals(number) else f"differs: the command prints {number}"
+            for stated, number in zip(line.stated, match.groups(), strict=True)
+        ]
+        for match in filter(None, map(line.pattern.search, printed.splitlines()))
+    ]
+    return max(outcomes, key=lambda of_line: of_line.count("equal"), default=[])
 
 
 def main() -> int:

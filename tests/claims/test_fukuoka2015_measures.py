@@ -180,3 +180,14 @@ def test_verdicts_of_the_claims() -> None:
     assert verdict(claims["fig3f_speed"], 2.4985) == ClaimVerdict.reproduced
     assert verdict(claims["fig2_pitch_large_at_high_speed"], 0.6) == ClaimVerdict.not_reproduced
     assert verdict(claims["fig6a_load"], [-4.4, 4.2]) == ClaimVerdict.not_reproduced
+
+
+def test_measures_of_ramps_without_records_are_refused() -> None:
+    table = ramp(["L-walk", "trot"])
+    for measured in (
+        lambda: ramp_measures.share_up_and_down(table.head(0), up=["walk"], down=["walk"]),
+        lambda: ramp_measures.rise_with(table.head(0), parameter="sigma", columns=["speed_n"]),
+        lambda: ramp_measures.acceleration(table, between=[90.0, 91.0]),
+    ):
+        with pytest.raises(MeasureError):
+            measured()

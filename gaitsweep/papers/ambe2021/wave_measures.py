@@ -118,8 +118,8 @@ def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
     """Smallest rise of a column of measured waves from one duty factor to the next, in its unit."""
     measured = waves(table)
     require(measured, "beta", column)
-    rises = measured.groupby("beta")[column].mean().diff().dropna()
-    if rises.empty:
+    rises = np.diff(numbers(measured.groupby("beta")[[column]].mean(), column))
+    if not rises.size:
         raise MeasureError("A rise needs two duty factors at least.")
     return float(rises.min())
 
@@ -260,9 +260,9 @@ def fewest_source_legs(table: pd.DataFrame, *, where: Condition | None = None) -
     """
     starts = records(table, where)
     places = source_place(starts)
-    has_source = places["source"] > 0
-    parameters = [places[name] for name in set_columns(starts)] or [has_source * 0]
-    return float(has_source.groupby(parameters).sum().min())
+    parameters = set_columns(starts)
+    sets = [part for _, part in places.groupby(parameters)] if parameters else [places]
+    return float(min(np.count_nonzero(part["source"] > 0) for part in sets))
 
 
 @measure

@@ -25,7 +25,6 @@ from gaitsweep.analyses import TURN
 from gaitsweep.claims import defaults, measure
 from gaitsweep.dynamics.tree import PointForce, movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, LATE, WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body
@@ -162,7 +161,7 @@ def mechanics_error(*, of: Literal["kinetic_energy", "feet", "accelerations"]) -
     m = _params().mechanics
     functions = {"kinetic_energy": _kinetic_energy, "feet": _feet, "accelerations": _accelerations}
     compute = jax.jit(functions[of])
-    model = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
+    model = mujoco.MjModel.from_xml_string(MODEL.mjcf(_defaults()))
     data = mujoco.MjData(model)
     rng = np.random.default_rng(5)
     worst = 0.0

@@ -18,7 +18,7 @@ from gaitsweep.analyses import (
     transition_points_by_gait,
     wrapped_difference,
 )
-from gaitsweep.claims import masked, measure, value
+from gaitsweep.claims import masked, measure, numbers, value
 
 Direction = Literal["rising", "falling"]
 
@@ -89,16 +89,17 @@ def bistable_ranges(
     require(table, "settled", parameter, f"{observable}_n", by)
     width_of_stair = _widths_of_stairs(table, parameter)
 
-    def differ(angles: pd.Series) -> bool:
-        return bool(np.ptp(wrapped_difference(angles.to_numpy(float) - angles.iloc[0])) > apart)
+    def differ(holds: pd.DataFrame) -> bool:
+        angles = numbers(holds, f"{observable}_n")
+        return bool(np.ptp(wrapped_difference(angles - angles[0])) > apart)
 
     lengths = []
     for group, holds in table.groupby(by, sort=True, observed=True):
         settled = masked(holds, holds["settled"].astype(bool))
         if settled.empty:
             raise AnalysisError(f"No hold settled at {by} = {group}.")
-        stairs = settled[f"{observable}_n"].groupby(settled[parameter].round(9))
-        lengths.append(float(sum(width_of_stair[stair] for stair, angles in stairs if differ(angles))))
+        stairs = settled.groupby(settled[parameter].round(9))
+        lengths.append(float(sum(width_of_stair[stair] for stair, part in stairs if differ(part))))
     return lengths
 
 

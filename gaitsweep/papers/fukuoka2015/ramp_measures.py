@@ -188,7 +188,7 @@ def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) ->
         parameter: the parameter that moves.
         columns: the columns whose absolute values are averaged.
     """
-    rising = records(table, "pass == 0")
+    rising = records(masked(table, table["pass"] == 0), None)
     sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
     means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
     along, size = (pd.Series(numbers(means, name)) for name in (parameter, "size"))

@@ -83,7 +83,7 @@ def drift_law(
     require_columns(table, "cycles", hue)
     ends = [name for pair in ENDS[of] if set(pair) <= set(table.columns) for name in pair]
     if not ends:
-        raise PlotError(f"of is {of}, but the table does not have the columns {_in_words(ENDS[of])}.")
+        raise PlotError(f"of is {of}, which needs the columns {_in_words(ENDS[of])} of a table.")
     settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
@@ -147,8 +147,8 @@ def _pairs(
     chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
-    values_of_ends = pairs[ends].astype(float).to_dict("records")
-    chains = [chain._replace(**{str(name): value for name, value in row.items()}) for row in values_of_ends]
+    values_of_ends = pairs[ends].to_numpy(float)
+    chains = [chain._replace(**dict(zip(ends, values, strict=True))) for values in values_of_ends]
     pairs["law"] = [float(worst_case_cycles(springs, chain_of_pair)) for chain_of_pair in chains]
     drifts = np.round([abs(float(drift(chain_of_pair))) for chain_of_pair in chains], 9)
     pairs["asymmetry"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts

@@ -173,19 +173,11 @@ class ChainModel(HybridModel):
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
         inner = slice(1, -1) if self.profile else 1
-        chain = Chain(
-            beta=p.beta,
-            kappa=p.kappa[inner],
-            m=p.masses[inner] if self.profile else p.m,
-            m_1=p.masses[0],
-            m_end=p.masses[-1],
-            a=p.a[inner],
-            g=p.g,
-            kappa_1=p.kappa[0],
-            kappa_end=p.kappa[-1],
-            a_1=p.a[0],
-            a_end=p.a[-1],
-        )
+        m = p.masses[inner] if self.profile else p.m
+        ends = {"m": p.masses, "kappa": p.kappa, "a": p.a}
+        heads = {f"{name}_1": values[0] for name, values in ends.items()}
+        tails = {f"{name}_end": values[-1] for name, values in ends.items()}
+        chain = Chain(beta=p.beta, g=p.g, m=m, kappa=p.kappa[inner], a=p.a[inner], **heads, **tails)
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 

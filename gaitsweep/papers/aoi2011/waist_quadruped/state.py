@@ -170,32 +170,14 @@ def initial_state(p: Params, lead: jax.Array) -> State:
     x, z = path.target(phi, segment, (path.x_c, -path.H))
     q = _standing(p, x, z)
     at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
+    true, none = jnp.ones((), bool), jnp.zeros(4, q.dtype)
     return State(
-        q=q,
-        v=jnp.zeros(15, q.dtype),
-        phi=phi,
-        clock=zero,
-        growing=jnp.ones((), bool),
-        held=jnp.ones((), bool),
-        contact=jnp.ones(4, bool),
-        anchor=at[:, :2],
-        segment=segment,
-        lifted=jnp.zeros(4, bool),
-        landing_x=x,
-        landing_z=z,
-        height=p.mechanics.heights(at),
-        gain=jnp.zeros(4, q.dtype),
-        closed=jnp.zeros((), bool),
-        held_lead=lead,
-        stride_x=q[0],
-        stride_t=zero,
-        speed=zero,
-        period=zero,
-        stood=jnp.zeros(4, q.dtype),
-        landed=jnp.zeros(4, q.dtype),
-        duty=jnp.ones(4, q.dtype),
-        touchdowns=jnp.zeros(4, q.dtype),
-    )
+        q=q, v=jnp.zeros(15, q.dtype), phi=phi, clock=zero, growing=true, held=true, held_lead=lead,
+        contact=jnp.ones(4, bool), anchor=at[:, :2], segment=segment, lifted=jnp.zeros(4, bool),
+        landing_x=x, landing_z=z, height=p.mechanics.heights(at), gain=none, closed=~true,
+        stride_x=q[0], stride_t=zero, speed=zero, period=zero,
+        stood=none, landed=none, duty=jnp.ones(4, q.dtype), touchdowns=none,
+    )  # fmt: skip
 
 
 def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:

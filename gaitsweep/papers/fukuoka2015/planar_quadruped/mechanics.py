@@ -89,7 +89,7 @@ class PlanarMechanics:
         stacked = {name: jnp.stack([jnp.asarray(row) for row in rows[name]]) for name in rows}
         return dataclasses.replace(of_mjcf, **stacked, damping=damping, armature=dt * damping)
 
-    def _lower(self) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
         """Mass (kg) of a lower leg with its foot, centre of mass above the sole (m), inertia (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
