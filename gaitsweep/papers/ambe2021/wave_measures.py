@@ -118,7 +118,7 @@ def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
     """Smallest rise of a column of measured waves from one duty factor to the next, in its unit."""
     measured = waves(table)
     require(measured, "beta", column)
-    rises = np.diff(numbers(measured.groupby("beta")[[column]].mean(), column))
+    rises = np.diff(numbers(pd.DataFrame(measured.groupby("beta")[[column]].mean()), column))
     if not rises.size:
         raise MeasureError("A rise needs two duty factors at least.")
     return float(rises.min())
