@@ -86,7 +86,7 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
 
 
 def run_together(family: Family, cases: list[Case], options: dict[str, Any]) -> tuple[pd.DataFrame, str]:
-    """The table of cases of one run, and what the run message; the self-check included.
+    """The table of cases of one run, and the warnings of the run, with its self-check.
 
     `options` are those of the job: its `engine` and its `numerics`.
     """
@@ -114,7 +114,7 @@ def zipped(cases: list[Case]) -> dict[str, Any]:
 def jacobians(
     family: Family, cases: list[Case], options: dict[str, Any]
 ) -> tuple[list[str], np.ndarray, str]:
-    """The coordinates, the return map's Jacobians (n, size, size), and what was message."""
+    """The coordinates, the return map's Jacobians (n, size, size), and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = family.model()
@@ -165,7 +165,7 @@ def verdicts_on(family: Family, cases: list[Case], options: dict[str, Any]) -> l
 def asked_alone(
     family: Family, case: Case, right: Solution, options: dict[str, Any]
 ) -> tuple[str, str, float]:
-    """The outcome of a case that runs alone with its self-check, what was message, and the error."""
+    """The outcome of a case that runs alone with its self-check, its warnings, and the error."""
     try:
         table, message = run_together(family, [case], options)
     except UserError as refusal:
@@ -197,7 +197,7 @@ def with_jacobians(family: Family, verdicts: list[Verdict], options: dict[str, A
         elif not np.isfinite(matrices[place]).all():
             result[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
         else:
-            # what was message of many maps may be about another one
+            # a warning of many maps may be about another one
             message = spoken and jacobians(family, [verdicts[i].case], options)[2]
             outcome = MARKED if message else SILENT
             result[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {message}".strip(), error)
