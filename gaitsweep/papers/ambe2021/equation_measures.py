@@ -22,6 +22,9 @@ from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.state import State
 from gaitsweep.papers.ambe2021.theory.chain import Chain, masses, springs
 
+Legs = Float[np.ndarray, " legs"]
+Phases = Float[np.ndarray, "*phases"]
+
 # A touchdown of leg 1 counts from this phase (rad) on: its leg is nearly as long as in its stance.
 NEARLY_LONG = 1.8 * np.pi
 # The time over which the phase gain is measured, in time constants tau of the phase's recovery.
@@ -74,9 +77,7 @@ def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
     return {name: jnp.asarray(value) for name, value in values.items()}
 
 
-def _printed_leg(
-    phi: Float[np.ndarray, "*phases"], values: Mapping[str, float]
-) -> tuple[Float[np.ndarray, "*phases"], Float[np.ndarray, "*phases"]]:
+def _printed_leg(phi: Phases, values: Mapping[str, float]) -> tuple[Phases, Phases]:
     """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
     beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
     takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
@@ -86,13 +87,8 @@ def _printed_leg(
 
 
 def _printed_acceleration(
-    x: Float[np.ndarray, " legs"],
-    v: Float[np.ndarray, " legs"],
-    length: Float[np.ndarray, " legs"],
-    rate: Float[np.ndarray, " legs"],
-    p: Bool[np.ndarray, " legs"],
-    values: Mapping[str, float],
-) -> Float[np.ndarray, " legs"]:
+    x: Legs, v: Legs, length: Legs, rate: Legs, p: Bool[np.ndarray, " legs"], values: Mapping[str, float]
+) -> Legs:
     """Accelerations (m/s2) of the masses, eq. (1).
 
     Args:

@@ -31,6 +31,9 @@ from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
+Positions = Float[Array, " 16"]
+Velocities = Float[Array, " 15"]
+
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
 FOOT_X, FOOT_Z = 0.01, -0.12  # m, a desired position of a foot within its limb's reach
@@ -183,18 +186,14 @@ def mechanics_error(*, of: Literal["kinetic_energy", "feet", "accelerations"]) -
     return worst
 
 
-def _feet(m: WaistMechanics, q: Float[Array, " 16"], v: Float[Array, " 15"]) -> Float[Array, "4 3"]:
+def _feet(m: WaistMechanics, q: Positions, v: Velocities) -> Float[Array, "4 3"]:
     """The positions of the feet, m."""
     return m.feet(q, v)[0]
 
 
 def _accelerations(
-    m: WaistMechanics,
-    q: Float[Array, " 16"],
-    v: Float[Array, " 15"],
-    tau: Float[Array, " 15"],
-    forces: Float[Array, "4 3"],
-) -> Float[Array, " 15"]:
+    m: WaistMechanics, q: Positions, v: Velocities, tau: Velocities, forces: Float[Array, "4 3"]
+) -> Velocities:
     """The model's accelerations for torques of the joints and forces (N) on the feet."""
     tree, _ = body()
     foot = jnp.stack([0.0 * m.link_length, 0.0 * m.link_length, -m.link_length])
@@ -202,7 +201,7 @@ def _accelerations(
     return m.accelerations(q, v, tau, pushes)
 
 
-def _kinetic_energy(m: WaistMechanics, q: Float[Array, " 16"], v: Float[Array, " 15"]) -> Float[Array, ""]:
+def _kinetic_energy(m: WaistMechanics, q: Positions, v: Velocities) -> Float[Array, ""]:
     """The kinetic energy of the bodies and links, J."""
     geometry = m.geometry()
     placed = places(body()[0], geometry, q)

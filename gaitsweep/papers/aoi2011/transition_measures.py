@@ -40,7 +40,7 @@ def transition_at(
         AnalysisError: no row jumps.
     """
     points = transition_points(table, observable, parameter, least)
-    return _middle_of_first(points, direction, f"No row jumps as {parameter} is {direction}.")
+    return _middles(points, direction, f"No row jumps as {parameter} is {direction}.")[0]
 
 
 @measure
@@ -60,7 +60,7 @@ def hysteresis_widths(
 
     def width(group: pd.DataFrame, place: str) -> float:
         otherwise = f"{observable} does not jump in each direction{place}."
-        rising, falling = (_middle_of_first(group, way, otherwise) for way in get_args(Direction))
+        rising, falling = (_middles(group, direction, otherwise)[0] for direction in get_args(Direction))
         return rising - falling
 
     if by is None:
@@ -135,11 +135,11 @@ def gait_lost_at(
     """
     points = transition_points_by_gait(table, parameter, start)
     losses = masked(points, points["gait"] == gait)
-    return _middle_of_first(losses, direction, f"The gait {gait} is not lost as {parameter} is {direction}.")
+    return _middles(losses, direction, f"The gait {gait} is not lost as {parameter} is {direction}.")[0]
 
 
-def _middle_of_first(points: pd.DataFrame, direction: Direction, otherwise: str) -> float:
-    """The middle of the first interval in a direction.
+def _middles(points: pd.DataFrame, direction: Direction, otherwise: str) -> list[float]:
+    """The middles of the intervals in a direction.
 
     Raises:
         AnalysisError: there is none; `otherwise` is its sentence.
@@ -147,7 +147,7 @@ def _middle_of_first(points: pd.DataFrame, direction: Direction, otherwise: str)
     intervals = masked(points, points["direction"] == direction)
     if intervals.empty:
         raise AnalysisError(otherwise)
-    return float((intervals["low"].iloc[0] + intervals["high"].iloc[0]) / 2.0)
+    return ((numbers(intervals, "low") + numbers(intervals, "high")) / 2.0).tolist()
 
 
 @measure
@@ -206,10 +206,8 @@ def least_change_of_transition(
     for table, column in zip(tables, by, strict=True):
         points = transition_points(table, observable, parameter, by=[column])
         for direction in get_args(Direction):
-            intervals = masked(points, points["direction"] == direction)
-            if intervals.empty:
-                raise AnalysisError(f"{observable} does not jump as {parameter} is {direction}.")
-            ranges.append(float(np.ptp((intervals["low"] + intervals["high"]) / 2.0)))
+            otherwise = f"{observable} does not jump as {parameter} is {direction}."
+            ranges.append(float(np.ptp(_middles(points, direction, otherwise))))
     return min(ranges)
 
 

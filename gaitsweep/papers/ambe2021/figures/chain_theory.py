@@ -40,6 +40,10 @@ from gaitsweep.plot import (
     theme,
 )
 
+Legs = Float[np.ndarray, " legs"]
+Solutions = Float[np.ndarray, " solutions"]
+Shades = Float[np.ndarray, "springs 4"]
+
 Shown = Literal["touchdowns", "order", "free_phase", "sets"]
 SHOWN: tuple[Shown, ...] = get_args(Shown)
 
@@ -169,9 +173,7 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
     return figure
 
 
-def _neighbour(
-    axes: Axes, phi: Float[np.ndarray, " solutions"], chain: Chain, colour: str, marker: str
-) -> None:
+def _neighbour(axes: Axes, phi: Solutions, chain: Chain, colour: str, marker: str) -> None:
     """The phases (rad) of a neighbour on the curve of leg length: their range, or the only one."""
     low, high = phi.min(), phi.max()
     if high - low > 1e-6:
@@ -234,11 +236,7 @@ def draw_order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Fi
 
 
 def _touchdown_times(
-    axes: Axes,
-    when: Float[np.ndarray, " legs"],
-    stance: float,
-    order: tuple[int, ...],
-    reset_numbers: list[int],
+    axes: Axes, when: Legs, stance: float, order: tuple[int, ...], reset_numbers: list[int]
 ) -> None:
     """Each leg's stance from its touchdown on, with its place in the order and the number of its set S.
 
@@ -356,13 +354,7 @@ def draw_sets(N: int, chain: Chain, title: str | None) -> Figure:
 
 
 def _draw_set(
-    axes: Axes,
-    N: int,
-    branch: Branch,
-    chain: Chain,
-    breaks: Sequence[float],
-    place: float,
-    shades: Float[np.ndarray, "springs 4"],
+    axes: Axes, N: int, branch: Branch, chain: Chain, breaks: Sequence[float], place: float, shades: Shades
 ) -> float:
     """The relative phases of one set, cut at its jumps; returns the place at which the next set begins.
 

@@ -17,7 +17,14 @@ from gaitsweep.dynamics.tree import (
     rescaled,
     velocity,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, WAIST, joint_angles, joint_rates
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
+    HIP,
+    KNEE,
+    WAIST,
+    Point,
+    joint_angles,
+    joint_rates,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body, displacements, factors
 
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
@@ -152,7 +159,7 @@ class WaistMechanics:
         """The position of a foot in its lower link's frame (3,), m."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
-    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
+    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> Point:
         """X and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
         upper = jnp.stack([q[i] for i in HIP])
         lower = upper + jnp.stack([q[i] for i in KNEE])
@@ -160,12 +167,7 @@ class WaistMechanics:
         return down * (jnp.sin(upper) + jnp.sin(lower)), down * (jnp.cos(upper) + jnp.cos(lower))
 
     def torques(
-        self,
-        q: jax.Array,
-        v: jax.Array,
-        x: jax.Array,
-        z: jax.Array,
-        desired: tuple[jax.Array, jax.Array] | None = None,
+        self, q: jax.Array, v: jax.Array, x: jax.Array, z: jax.Array, desired: Point | None = None
     ) -> jax.Array:
         """Generalised forces (15,): PD control of the joints, eq. (4), and the spring of the waist.
 

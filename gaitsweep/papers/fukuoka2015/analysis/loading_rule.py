@@ -23,6 +23,10 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS, onsets_o
 from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import LATE_STANCE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, THRESHOLD
 
+Cycles = Float[np.ndarray, " cycles"]
+Onsets = Float[np.ndarray, " onsets"]
+Records = Float[np.ndarray, " records"]
+
 _MAX_ONSET_LAG = 0.25  # cycles; largest distance of an onset from its expected time
 
 
@@ -117,9 +121,7 @@ class _Stances:
         integral = scipy.integrate.cumulative_trapezoid
         self._sums = {name: integral(value, self._t, initial=0) for name, value in sums.items()}
 
-    def over(
-        self, name: str, begin: Float[np.ndarray, " cycles"], end: Float[np.ndarray, " cycles"]
-    ) -> Float[np.ndarray, " cycles"]:
+    def over(self, name: str, begin: Cycles, end: Cycles) -> Cycles:
         """The integral of a signal over intervals of time, N s or rad s.
 
         Args:
@@ -129,12 +131,7 @@ class _Stances:
         sums = self._sums[name]
         return np.interp(end, self._t, sums) - np.interp(begin, self._t, sums)
 
-    def of_pair(
-        self,
-        legs: tuple[str, str],
-        begins: tuple[Float[np.ndarray, " fore_onsets"], Float[np.ndarray, " hind_onsets"]],
-        delta: float,
-    ) -> dict[str, float]:
+    def of_pair(self, legs: tuple[str, str], begins: tuple[Onsets, Onsets], delta: float) -> dict[str, float]:
         """The measures of a pair, averaged over its cycles.
 
         Args:
@@ -166,21 +163,14 @@ class _Stances:
         measures["tilt_stance"] = 0.5 * (tilt[0] + tilt[1])
         return {name: float(np.mean(value)) for name, value in measures.items()}
 
-    def _difference(
-        self,
-        legs: tuple[str, str],
-        at: tuple[Float[np.ndarray, " cycles"], Float[np.ndarray, " cycles"]],
-        late: Float[np.ndarray, " cycles"],
-    ) -> Float[np.ndarray, " cycles"]:
+    def _difference(self, legs: tuple[str, str], at: tuple[Cycles, Cycles], late: Cycles) -> Cycles:
         """The load on the fore leg less that on the hind leg, before each begins to swing, N."""
         ends = zip(legs, at, strict=True)
         fore, hind = (self.over(f"F_{leg}", end - late, end) / late for leg, end in ends)
         return fore - hind
 
 
-def _cycles_of_pair(
-    fore: Float[np.ndarray, " fore_onsets"], hind: Float[np.ndarray, " hind_onsets"], delta: float
-) -> tuple[Float[np.ndarray, " cycles"], ...]:
+def _cycles_of_pair(fore: Onsets, hind: Onsets, delta: float) -> tuple[Cycles, Cycles, Cycles]:
     """Onsets of a fore leg, the hind leg's in the same cycles, and the durations of the cycles before, s.
 
     Args:
@@ -188,7 +178,7 @@ def _cycles_of_pair(
         delta: the pair's shift, cycles.
     """
     if len(fore) < 2 or not len(hind):
-        return (np.zeros(0),) * 3
+        return np.zeros(0), np.zeros(0), np.zeros(0)
     period = np.diff(fore)
     fore = fore[1:]
     due = fore + delta * period
@@ -328,9 +318,7 @@ def wilson_interval(share: float, draws: int) -> tuple[float, float]:
     return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
 
 
-def correlation(
-    x: Float[np.ndarray, " records"], y: Float[np.ndarray, " records"], case: Int[np.ndarray, " records"]
-) -> tuple[float, float, float]:
+def correlation(x: Records, y: Records, case: Int[np.ndarray, " records"]) -> tuple[float, float, float]:
     """Pearson's r with the ends of its bootstrap interval over cases; NaN for fewer than three cases.
 
     Args:
