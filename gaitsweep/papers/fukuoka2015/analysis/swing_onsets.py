@@ -24,7 +24,8 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
 )
 from gaitsweep.status import Status
 
-RowNumbers, Phases = Int[np.ndarray, " onsets"], Float[np.ndarray, " onsets"]
+RowNumbers = Int[np.ndarray, " onsets"]
+Phases = Float[np.ndarray, " onsets"]
 OfRows = Float[np.ndarray, " rows"]
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}  # the columns of the legs' flexors
 SINCE = "since_{}_n"  # the column of a leg's time since its last onset
