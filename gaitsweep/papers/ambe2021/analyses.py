@@ -133,9 +133,13 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
 
 def _theory_summary(N: int, omega: float, chain: Chain) -> str:
     """The solutions of a chain of N + 1 legs as text: the numbers of its line of solutions, then each set."""
+    from gaitsweep.papers.ambe2021.theory.conditions import existing_waves
     from gaitsweep.papers.ambe2021.theory.solution_sets import branches
 
     lines = [f"{name:42} {value:.6g}" for name, value in _numbers_of_line(N, omega, chain).items()]
+    if N > 2:
+        waves = [wave for wave, exists in existing_waves(N, chain).items() if exists]
+        lines.append(f"{'waves that are motions of the chain':42} {', '.join(waves) or 'none'}")
     lines += [
         "",
         "For each set of solutions: the range of its free relative phase (eqs. 19, 20, 25); then, at 0.45 of",

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool
@@ -19,7 +18,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     springs_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
+from gaitsweep.papers.ambe2021.theory.conditions import existing_waves
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
@@ -84,7 +83,7 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
-    """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
+    """Whether each gait is a motion of the chain, by `existing_waves`.
 
     Args:
         table: a table of the multi-legged chain, whose job gives the parameters that do not vary.
@@ -96,20 +95,14 @@ def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndar
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    holds = _existence(springs_of(table), chains_of(table, sets))
-    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, holds, strict=True)}
+    exists = _existing_waves(springs_of(table), chains_of(table, sets))
+    return {gait: np.asarray(exists[gait]) for gait in WAVES}
 
 
 @partial(jax.jit, static_argnums=0)
-def _existence(N: int, chains: Chain) -> tuple[jax.Array, ...]:
+def _existing_waves(N: int, chains: Chain) -> dict[str, jax.Array]:
     """Whether each of WAVES is a motion of each of n chains, (n,)."""
-
-    def of_chain(chain: Chain) -> tuple[jax.Array, ...]:
-        direct, retrograde = wave_conditions(N, chain)
-        sources = [source_conditions(N, chain, k).hold for k in range(3, N + 1)]
-        return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
-
-    return jax.vmap(of_chain)(chains)
+    return jax.vmap(partial(existing_waves, N))(chains)
 
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:

@@ -289,9 +289,8 @@ class Multilegged(ChainModel):
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         p, s = params, state
         after = self._transitions(s, fired)
-        return State(
-            x=s.x,
-            v=s.v,
+        return dataclasses.replace(
+            s,
             phi=jnp.where(after.wraps, s.phi - TWO_PI, s.phi),
             y=jnp.where(after.resets, s.y + lagged_reset(s.phi, p.tau), s.y),  # eq. (5), (6)
             contact=s.contact ^ fired[self.N + 1 :],

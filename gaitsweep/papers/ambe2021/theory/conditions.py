@@ -75,6 +75,17 @@ def source_conditions(N: int, chain: Chain, k: int) -> Conditions:
     return Conditions(takeoff, load, direct.landing)
 
 
+def existing_waves(N: int, chain: Chain) -> dict[str, jax.Array]:
+    """Whether the direct, a source (of any boundary leg) and the retrograde wave are motions of the chain.
+
+    Args:
+        N, chain: as for `wave_conditions`.
+    """
+    direct, retrograde = wave_conditions(N, chain)
+    sources = [source_conditions(N, chain, k).hold for k in range(3, N + 1)]
+    return {"direct": direct.hold, "source": jnp.any(jnp.stack(sources)), "retrograde": retrograde.hold}
+
+
 def _segment(chain: Chain) -> jax.Array:
     """The phase, rad, that takeoff and landing take each."""
     return jnp.asarray((1.0 - chain.beta) * jnp.pi)

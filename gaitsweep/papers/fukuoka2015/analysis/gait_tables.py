@@ -226,7 +226,7 @@ def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
         sets: the columns that define a parameter set.
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or `sets` is empty.
     """
     require(table, *sets, "gait", "speed_end", "status")
     keys = list(sets)
