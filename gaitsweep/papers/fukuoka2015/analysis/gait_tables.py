@@ -229,6 +229,8 @@ def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
         AnalysisError: the table does not have a column, or `sets` is empty.
     """
     require(table, *sets, "gait", "speed_end", "status")
+    if not sets:
+        raise AnalysisError("sets is empty: name the columns that define a parameter set.")
     keys = list(sets)
     fell = Status.FAILED.among(table["status"])
     name = np.where(fell, "", table["gait"].astype(str))
