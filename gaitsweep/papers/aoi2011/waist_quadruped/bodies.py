@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitsweep.dynamics import evaluated_in
 from gaitsweep.dynamics.tree import PointForce, integrate
-from gaitsweep.expression import resolve
+from gaitsweep.expression import evaluate
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
     HEIGHT_NAMES,
@@ -149,5 +149,7 @@ def compiled_variants(names: tuple[str, ...] = _SIZES) -> Variants:
             spec.body(name).pos = spec.body(name).pos + by
         spec.body("rear").ipos = spec.body("rear").ipos + centre
 
-    of_table_1 = resolve({quantity.name: quantity.default or 0.0 for quantity in (*PARAMETERS, *HEIGHTS)}, {})
+    of_table_1: dict[str, float] = {}
+    for quantity in (*PARAMETERS, *HEIGHTS):
+        of_table_1[quantity.name] = evaluate(quantity.default or 0.0, of_table_1)
     return Variants(mjcf(), edit, {name: of_table_1[name] for name in names})

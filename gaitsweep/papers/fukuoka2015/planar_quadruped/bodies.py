@@ -24,7 +24,7 @@ from gaitsweep.dynamics.tree import (
     places,
     velocity_at,
 )
-from gaitsweep.expression import resolve
+from gaitsweep.expression import evaluate
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP_SIGNS, NQ, PlanarMechanics, body, mjcf
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.parameters import BODY
@@ -178,7 +178,10 @@ def compiled_variants() -> Variants:
 
 def default_body() -> dict[str, float]:
     """The default body parameters, those of the MJCF, by name."""
-    return resolve({quantity.name: quantity.default or 0.0 for quantity in BODY}, {})
+    defaults: dict[str, float] = {}
+    for quantity in BODY:
+        defaults[quantity.name] = evaluate(quantity.default or 0.0, defaults)
+    return defaults
 
 
 def edit(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
