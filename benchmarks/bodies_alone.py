@@ -100,8 +100,8 @@ def _changed_body(file: Path, control: np.ndarray, timestep: float, row: Mapping
     spec = mujoco.MjSpec.from_file(str(file))  # type: ignore[attr-defined]
     spec.option.timestep = timestep
     for name, value in row.items():
-        element, _, what = name.rpartition("_")
-        if what == "mass":
+        element, _, attribute = name.rpartition("_")
+        if attribute == "mass":
             spec.geom(element).mass = value
         else:
             spec.geom(element).fromto = [0.0, 0.0, 0.0, 0.0, 0.0, -value]

@@ -71,16 +71,16 @@ def rows_of(case: Case, lanes: int) -> tuple[dict[str, np.ndarray], dict[str, np
     params: dict[str, Any] = {}
     starts: dict[str, Any] = {}
     for quantity in case.model.parameters:
-        given = quantity.default
+        setting = quantity.default
         if quantity.name in case.ranges:
-            given = random.uniform(*case.ranges[quantity.name], lanes)
-        found = evaluate(given, params) if isinstance(given, str) else given
-        params[quantity.name] = np.broadcast_to(np.asarray(found, float), (lanes,))
+            setting = random.uniform(*case.ranges[quantity.name], lanes)
+        number = evaluate(setting, params) if isinstance(setting, str) else setting
+        params[quantity.name] = np.broadcast_to(np.asarray(number, float), (lanes,))
     for quantity in case.model.initial_conditions:
-        given = np.nan if quantity.default is None else quantity.default
+        setting = np.nan if quantity.default is None else quantity.default
         if quantity.name in case.ranges:
-            given = random.uniform(*case.ranges[quantity.name], lanes)
-        starts[quantity.name] = np.broadcast_to(np.asarray(given, float), (lanes,))
+            setting = random.uniform(*case.ranges[quantity.name], lanes)
+        starts[quantity.name] = np.broadcast_to(np.asarray(setting, float), (lanes,))
     return params, starts
 
 

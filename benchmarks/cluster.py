@@ -147,7 +147,7 @@ def overhead(points: int, block: int, workers: int, repeats: int) -> None:
                 spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
                 measured.append((time.perf_counter() - began, spent))
                 print(f"{name:12s} {measured[-1][0]:7.1f} s wall, {spent:7.1f} s of processors", flush=True)
-    one, many = ([statistics.median(each) for each in zip(*rows, strict=True)] for rows in results.values())
+    one, many = ([statistics.median(times) for times in zip(*rows, strict=True)] for rows in results.values())
     print(
         f"overhead of local:{workers}: {100 * (many[0] / one[0] - 1):+.1f} % of the wall clock, "
         f"{100 * (many[1] / one[1] - 1):+.1f} % of processors ({points**3} rows in blocks of {block})"

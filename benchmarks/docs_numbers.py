@@ -76,13 +76,13 @@ class Stated:
 
     def equals(self, printed: str) -> bool:
         """Whether a number that a command printed is this one."""
-        found, stated = float(_plain(printed)) * (100.0 if self.percent else 1.0), float(_plain(self.digits))
+        value, stated = float(_plain(printed)) * (100.0 if self.percent else 1.0), float(_plain(self.digits))
         if self.bound:
-            return found <= stated
+            return value <= stated
         mantissa, _, exponent = _plain(self.digits).partition("e")
         last = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
         tolerance = float(self.tolerance) if self.tolerance else 0.5 * last
-        return abs(found - stated) <= tolerance + 1e-12 * abs(stated)
+        return abs(value - stated) <= tolerance + 1e-12 * abs(stated)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,10 +141,10 @@ def sourced(text: str) -> Iterator[tuple[str, str]]:
         if kind == "given" and "/" in source and not file.is_file():
             raise ValueError(f"line {line}: there is no {source}")
         written = re.sub(r"(?<=\d)_(?=\d)", "", file.read_text()) if file.is_file() else ""
-        held = {float(_plain(number)) for number in re.findall(_NUMBER, written)}
+        numbers_of_file = {float(_plain(number)) for number in re.findall(_NUMBER, written)}
         for digits in results:
             _must_stand(digits, section, line)
-            if file.is_file() and float(_plain(digits)) not in held:
+            if file.is_file() and float(_plain(digits)) not in numbers_of_file:
                 raise ValueError(f"line {line}: {digits} is not in {source}")
             yield kind, digits
 
@@ -156,13 +156,13 @@ def unsourced(text: str) -> Iterator[tuple[int, str]]:
     prose = text
     for pattern in (_SOURCED, _COMMENT, _GENERATED, _UNMEASURED):
         prose = pattern.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), prose)
-    for found in _WRITTEN.finditer(prose):
-        digits = " ".join(found[0].split())
+    for written in _WRITTEN.finditer(prose):
+        digits = " ".join(written[0].split())
         year = re.fullmatch(r"(19|20)\d\d", digits)
         measured = len(re.sub(r"\D", "", digits)) > 2 or re.search(r"[.e]", digits)
-        measured = measured or prose[found.end() : found.end() + 2] == " %"
+        measured = measured or prose[written.end() : written.end() + 2] == " %"
         if measured and not year and digits not in known:
-            yield prose.count("\n", 0, found.start()) + 1, digits
+            yield prose.count("\n", 0, written.start()) + 1, digits
 
 
 class Outputs:
@@ -226,15 +226,25 @@ def compared(check: Check, outputs: Outputs) -> Iterator[tuple[int, str, str]]:
     except ChildProcessError as error:
         printed, problem = "", f"differs: {error}"
     for line in check.lines:
-        result = next(filter(None, map(line.pattern.search, printed.splitlines())), None)
+        equal = _most_equal(line, printed)
         for i, stated in enumerate(line.stated):
-            if problem or result is None:
+            if problem or not equal:
                 outcome = problem or "differs: the command prints no such line"
-            elif stated.equals(result[i + 1]):
-                outcome = "equal"
             else:
-                outcome = f"differs: the command prints {result[i + 1]}"
+                outcome = equal[i]
             yield line.number, stated.digits, outcome
+
+
+def _most_equal(line: Line, printed: str) -> list[str]:
+    """The outcomes of a line's numbers, by the first line of the output in which most of them are equal."""
+    outcomes = [
+        [
+            "equal" if stated.equals(number) else f"differs: the command prints {number}"
+            for stated, number in zip(line.stated, match.groups(), strict=True)
+        ]
+        for match in filter(None, map(line.pattern.search, printed.splitlines()))
+    ]
+    return max(outcomes, key=lambda of_line: of_line.count("equal"), default=[])
 
 
 def main() -> int:
@@ -246,42 +256,42 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, help="keep the results there (a temporary folder)")
     parser.add_argument("--missing", action="store_true", help="run nothing; list numbers without a comment")
     parser.add_argument("--list", action="store_true", help="run nothing; count what has a command")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     outcomes: list[str] = []
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as temporary:
         to_run: list[tuple[str, Check]] = []
-        folder: Path = asked.folder or Path(temporary)
+        folder: Path = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        outputs = Outputs(folder.resolve(), asked.limit)
-        for page in asked.page or pages():
+        outputs = Outputs(folder.resolve(), options.limit)
+        for page in options.page or pages():
             text, name = page.read_text(encoding="utf-8"), os.path.relpath(page, ROOT)
             try:
                 named, sources = list(checks(text)), [kind for kind, _ in sourced(text)]
                 missing = list(unsourced(text))
             except ValueError as error:
                 parser.error(f"{name}, {error}")
-            if asked.missing:
+            if options.missing:
                 lines = text.splitlines()
                 for line, digits in missing:
                     print(f"{name}:{line}: {digits} in {lines[line - 1].strip()}")
                 continue
-            if asked.list:
+            if options.list:
                 stated = sum(len(line.stated) for check in named for line in check.lines)
-                given, recorded = sources.count("given"), sources.count("recorded")
+                with_source, recorded = sources.count("given"), sources.count("recorded")
                 print(
-                    f"{name:28} {stated:4} by a command, {given:4} given, {recorded:4} recorded, "
+                    f"{name:28} {stated:4} by a command, {with_source:4} given, {recorded:4} recorded, "
                     f"{len(missing):4} without a comment"
                 )
                 continue
             to_run += [(name, check) for check in named]
-        with concurrent.futures.ThreadPoolExecutor(asked.jobs) as pool:
+        with concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
             results = pool.map(lambda named: list(compared(named[1], outputs)), to_run)
             for (name, _), numbers in zip(to_run, results, strict=True):
                 for number, digits, outcome in numbers:
                     print(f"{name}:{number}: {digits} {outcome}", flush=True)
                     outcomes.append(outcome.partition(":")[0])
-    if not (asked.list or asked.missing):
+    if not (options.list or options.missing):
         counts = ", ".join(f"{outcomes.count(kind)} {kind}" for kind in ("equal", "differs", "not run"))
         print(f"{len(outcomes)} numbers: {counts}, in {time.perf_counter() - began:.0f} s")
     return int("differs" in outcomes)

@@ -73,7 +73,7 @@ def measure(
     true = reference_crossings()
 
     def run(rows: int) -> tuple[Timings, RowOutcome]:
-        given: list[RowOutcome] = []
+        outcomes: list[RowOutcome] = []
         spec = SweepSpec(
             model=model,
             recorder=recorder,
@@ -85,7 +85,7 @@ def measure(
             values=lambda first, last: _values(true[np.arange(first, last) % len(true), 0]),
             engine=engine,
         )
-        return sweep(spec, [0], lambda _, block: given.append(block)), given[0]
+        return sweep(spec, [0], lambda _, block: outcomes.append(block)), outcomes[0]
 
     at_once = lanes * len(chosen)
     rows = at_once

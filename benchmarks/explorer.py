@@ -32,18 +32,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("page", type=Path, help="what `gaitsweep explore` wrote")
     parser.add_argument("--repeat", type=int, default=5, help="browsers")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     if program() is None:
         raise SystemExit("There is no Chromium on this machine (apt-get install chromium).")
     results: dict[str, list[tuple[float, float, float]]] = {"a new browser": [], "the same again": []}
-    for _ in range(asked.repeat):
+    for _ in range(options.repeat):
         with browser() as page:
             page.size(1280, 900)
             for times in results.values():
-                times.append(opened(page, asked.page))
-    print(f"{asked.page}: {asked.page.stat().st_size / 1e6:.1f} MB, {asked.repeat} browsers")
+                times.append(opened(page, options.page))
+    print(f"{options.page}: {options.page.stat().st_size / 1e6:.1f} MB, {options.repeat} browsers")
     for name, times in results.items():
-        shown, ready, spent = (statistics.median(each) for each in zip(*times, strict=True))
+        shown, ready, spent = (statistics.median(samples) for samples in zip(*times, strict=True))
         span = f"{min(t[1] for t in times):.2f} to {max(t[1] for t in times):.2f}"
         print(f"{name:15} shown {shown:.2f} s, map {ready:.2f} s ({span}), CPU {spent:.2f} s")
 

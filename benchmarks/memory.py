@@ -67,23 +67,23 @@ def command(*words: object) -> None:
         raise SystemExit(1)
 
 
-def measured(what: str, spec: Callable[..., None], *given: object) -> None:
+def measured(name: str, spec: Callable[..., None], *arguments: object) -> None:
     """Print the largest memory (MB) and the time (s) of a process that does nothing else."""
     began = time.perf_counter()
-    process = multiprocessing.get_context("spawn").Process(target=_alone, args=(spec, given))
+    process = multiprocessing.get_context("spawn").Process(target=_alone, args=(spec, arguments))
     process.start()
     process.join()
     seconds = time.perf_counter() - began
     if process.exitcode:
-        raise SystemExit(f"{what}: exit code {process.exitcode}")
-    print(f"    {what}: {seconds:.1f} s", flush=True)
+        raise SystemExit(f"{name}: exit code {process.exitcode}")
+    print(f"    {name}: {seconds:.1f} s", flush=True)
 
 
-def _alone(spec: Callable[..., None], given: tuple[object, ...]) -> None:
+def _alone(spec: Callable[..., None], arguments: tuple[object, ...]) -> None:
     sys.stdout.flush()
     with open(os.devnull, "w") as nowhere:
         out, sys.stdout = sys.stdout, nowhere
-        spec(*given)
+        spec(*arguments)
         sys.stdout = out
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
     print(f"{peak:8.0f} MB", end="", flush=True)
@@ -94,7 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--points", type=int, default=5774, help="values of psi_1, and of psi_2")
     points = parser.parse_args().points
-    settings = [word for each in overrides(points) for word in ("--set", each)]
+    settings = [word for override in overrides(points) for word in ("--set", override)]
     rows = PANELS * points**2
     print(f"{rows:.3g} rows: {PANELS} x {points} x {points} starts")
     with tempfile.TemporaryDirectory() as folder:

@@ -70,7 +70,7 @@ def main() -> None:
         for row in () if chosen.quick else general():
             add(row)
 
-    cpu = max(peaks, key=lambda found: found.per_second)
+    cpu = max(peaks, key=lambda measured_peak: measured_peak.per_second)
     print(f"Load average before the run {load:.2f}. Peaks in double precision, 1e9 operations a second:")
     for machine in (cpu, gpu):
         if machine is not None:

@@ -41,11 +41,11 @@ def of_cpu() -> Peak:
     except (RuntimeError, OSError) as error:
         return Peak(float("nan"), f"{name}: unknown, {error}")
     multiply_add.restype = ctypes.c_double
-    kept = np.zeros(cores)
+    results = np.zeros(cores)
     best = 0.0
     for _ in range(REPEATS):
         begun = time.perf_counter()
-        count = multiply_add(ctypes.c_long(TURNS), c_int(cores), ctypes.c_void_p(kept.ctypes.data))
+        count = multiply_add(ctypes.c_long(TURNS), c_int(cores), ctypes.c_void_p(results.ctypes.data))
         best = max(best, count / (time.perf_counter() - begun))
     return Peak(best, f"{name}: measured with independent multiply-adds")
 

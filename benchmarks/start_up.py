@@ -88,10 +88,10 @@ def main() -> None:
         for name, (command, removed) in commands.items():
             results = []
             for _ in range(repeat):
-                for each in removed:
-                    shutil.rmtree(each, ignore_errors=True)
+                for values in removed:
+                    shutil.rmtree(values, ignore_errors=True)
                 results.append(run(command, cache))
-            clock, spent = (statistics.median(each) for each in zip(*results, strict=True))
+            clock, spent = (statistics.median(values) for values in zip(*results, strict=True))
             print(f"{clock:5.1f} s {spent:5.1f} s  {name}", flush=True)
         subprocess.run([sys.executable, "-c", SWEEP + WARM], env=environment_of(cache), check=True)
 

@@ -103,12 +103,12 @@ def whole_figure(platform: str) -> float:
     return _run(platform, []).whole
 
 
-def _run(platform: str, given: list[str]) -> Command:
+def _run(platform: str, arguments: list[str]) -> Command:
     """The faster of two runs of the job with these fields."""
     runs = []
     for _ in range(2):
         with tempfile.TemporaryDirectory() as folder:
-            fields = [word for field in given for word in ("--set", field)]
+            fields = [word for field in arguments for word in ("--set", field)]
             command = [sys.executable, "-m", "gaitsweep", "run", str(JOB), "--out", f"{folder}/run", *fields]
             began = time.perf_counter()
             done = subprocess.run(command, env=os.environ | {"JAX_PLATFORMS": platform}, capture_output=True)

@@ -414,10 +414,10 @@ def judged(xml: str) -> tuple[str, str]:
     except ValueError as error:
         return "refused", str(error)
     message = cautions(model.mjx_body.mj_model)
-    early = [str(each) for each in result.caused if each.step <= FIRST_USE]
+    early = [str(cause) for cause in result.caused if cause.step <= FIRST_USE]
     if result.caused:
         verdict = "warned" if message or early else "silent"
-        return verdict, (message + early + [str(each) for each in result.caused])[0]
+        return verdict, (message + early + [str(cause) for cause in result.caused])[0]
     return ("sensitive" if result.divergences else "agrees"), f"{result.largest:.1e}"
 
 

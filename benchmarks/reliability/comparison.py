@@ -136,13 +136,17 @@ def compared(
     drawn = subject.draw(np.random.default_rng(seed), sets)
     job = job_of(subject, drawn, crossings, numerics, engine)
     steps = steps_of(job)
-    given = [{**values, "dt": float(dt)} for values, dt in zip(drawn, steps, strict=True)]
-    work = [(values, nudge) for values in (given if subject.same_steps else drawn) for nudge in (False, True)]
+    values_with_steps = [{**values, "dt": float(dt)} for values, dt in zip(drawn, steps, strict=True)]
+    work = [
+        (values, nudge)
+        for values in (values_with_steps if subject.same_steps else drawn)
+        for nudge in (False, True)
+    ]
     results = references(subject_of, crossings, work, workers)
     ours = ours_of(subject, job, crossings)
     verdicts = [
-        judged(subject, values, mine, results[2 * i], results[2 * i + 1])
-        for i, (values, mine) in enumerate(zip(given, ours, strict=True))
+        judged(subject, values, our_row, results[2 * i], results[2 * i + 1])
+        for i, (values, our_row) in enumerate(zip(values_with_steps, ours, strict=True))
     ]
     return verdicts, steps
 

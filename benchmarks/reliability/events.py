@@ -57,7 +57,7 @@ class Verdict:
     family: str
     case: Case
     outcome: str
-    said: str
+    message: str
     error: float = np.nan
     jacobian_error: float = np.nan
 
@@ -86,7 +86,7 @@ def numbers(solution: Solution, row: pd.DataFrame) -> tuple[str, float]:
 
 
 def run_together(family: Family, cases: list[Case], options: dict[str, Any]) -> tuple[pd.DataFrame, str]:
-    """The table of cases of one run, and what the run said; the self-check included.
+    """The table of cases of one run, and the warnings of the run, with its self-check.
 
     `options` are those of the job: its `engine` and its `numerics`.
     """
@@ -99,7 +99,7 @@ def run_together(family: Family, cases: list[Case], options: dict[str, Any]) -> 
             **options,
         )
         table = result.table
-    messages = [str(each.message) for each in caught if each.category is UserWarning]
+    messages = [str(warning.message) for warning in caught if warning.category is UserWarning]
     check = table.attrs["manifest"].get("self_check") or {}
     if check.get("verdict") == "warned":
         messages.append(f"self-check: {check}")
@@ -114,24 +114,24 @@ def zipped(cases: list[Case]) -> dict[str, Any]:
 def jacobians(
     family: Family, cases: list[Case], options: dict[str, Any]
 ) -> tuple[list[str], np.ndarray, str]:
-    """The coordinates, the return map's Jacobians (n, size, size), and what was said."""
+    """The coordinates, the return map's Jacobians (n, size, size), and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = family.model()
         job = job_of(model, {"zip": zipped(cases)}, run=gs.ReturnMap(crossings=1), verify=0, **options)
         mapping = PoincareMap(job, 1, ())
         result = mapping.jacobian(mapping.settled({}, 0))
-    messages = [str(each.message) for each in caught if each.category is UserWarning]
+    messages = [str(warning.message) for warning in caught if warning.category is UserWarning]
     return mapping.coordinates, result, "; ".join(messages)
 
 
-def off(family: Family, case: Case, coordinates: list[str], found: np.ndarray) -> float:
+def off(family: Family, case: Case, coordinates: list[str], computed: np.ndarray) -> float:
     """The error of a Jacobian, in units of its largest element or 1."""
     scales = family.exact(case).scales
     right = differences(family, case, coordinates, scales)
     widths = np.array([scales.get(name, 1.0) for name in coordinates])
-    found = found * widths / widths[:, None]
-    return float(np.max(np.abs(found - right)) / max(1.0, np.abs(right).max()))
+    computed = computed * widths / widths[:, None]
+    return float(np.max(np.abs(computed - right)) / max(1.0, np.abs(right).max()))
 
 
 def in_groups(cases: Iterable[Case]) -> list[list[int]]:
@@ -154,10 +154,10 @@ def verdicts_on(family: Family, cases: list[Case], options: dict[str, Any]) -> l
             spoken, rows = "", {}  # each is asked alone
         for place, i in enumerate(group):
             error = numbers(solutions[i], rows[place])[1] if place in rows else np.inf
-            outcome, said = AGREE, spoken
+            outcome, message = AGREE, spoken
             if not error <= TOLERANCE:
-                outcome, said, error = asked_alone(family, cases[i], solutions[i], options)
-            verdicts[i] = Verdict(family.name, cases[i], outcome, said, error)
+                outcome, message, error = asked_alone(family, cases[i], solutions[i], options)
+            verdicts[i] = Verdict(family.name, cases[i], outcome, message, error)
     results = [verdict for verdict in verdicts if verdict is not None]
     return with_jacobians(family, results, options) if family.jacobian else results
 
@@ -165,23 +165,23 @@ def verdicts_on(family: Family, cases: list[Case], options: dict[str, Any]) -> l
 def asked_alone(
     family: Family, case: Case, right: Solution, options: dict[str, Any]
 ) -> tuple[str, str, float]:
-    """The outcome of a case that runs alone with its self-check, what was said, and the error."""
+    """The outcome of a case that runs alone with its self-check, its warnings, and the error."""
     try:
-        table, said = run_together(family, [case], options)
+        table, message = run_together(family, [case], options)
     except UserError as refusal:
         return LOST, f"refused: {refusal}", np.nan
     status, error = numbers(right, table)
     if error <= TOLERANCE:
-        return AGREE, said, error
+        return AGREE, message, error
     if status in NO_RESULT and status not in right.statuses:
         return LOST, status, np.nan
-    return (MARKED if said else SILENT), f"{status} {said}".strip(), error
+    return (MARKED if message else SILENT), f"{status} {message}".strip(), error
 
 
 def with_jacobians(family: Family, verdicts: list[Verdict], options: dict[str, Any]) -> list[Verdict]:
     """The verdicts, where models whose Jacobian is wrong no longer agree."""
     result = list(verdicts)
-    chosen = [i for i, each in enumerate(verdicts) if each.case.differentiable]
+    chosen = [i for i, verdict in enumerate(verdicts) if verdict.case.differentiable]
     if not chosen:
         return result
     try:
@@ -197,19 +197,22 @@ def with_jacobians(family: Family, verdicts: list[Verdict], options: dict[str, A
         elif not np.isfinite(matrices[place]).all():
             result[i] = worse(verdicts[i], LOST, "the Jacobian is NaN", np.nan)
         else:
-            # what was said of many maps may be about another one
-            said = spoken and jacobians(family, [verdicts[i].case], options)[2]
-            outcome = MARKED if said else SILENT
-            result[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {said}".strip(), error)
+            # a warning of many maps may be about another one
+            message = spoken and jacobians(family, [verdicts[i].case], options)[2]
+            outcome = MARKED if message else SILENT
+            result[i] = worse(verdicts[i], outcome, f"Jacobian off by {error:.1e} {message}".strip(), error)
     return result
 
 
-def worse(verdict: Verdict, outcome: str, said: str, error: float) -> Verdict:
+def worse(verdict: Verdict, outcome: str, message: str, error: float) -> Verdict:
     """The verdict with what was found of its Jacobian, if that is worse."""
     order = (AGREE, LOST, MARKED, SILENT)
     outcome = max(verdict.outcome, outcome, key=order.index)
     return dataclasses.replace(
-        verdict, outcome=outcome, said="; ".join(filter(None, (verdict.said, said))), jacobian_error=error
+        verdict,
+        outcome=outcome,
+        message="; ".join(filter(None, (verdict.message, message))),
+        jacobian_error=error,
     )
 
 
@@ -230,7 +233,7 @@ def judged(work: tuple[str, int, int, dict[str, Any]]) -> tuple[list[Verdict], f
     """The verdicts on so many models of the family with a name, and the seconds that they took."""
     name, models, seed, options = work
     begun = time.monotonic()
-    family = next(each for each in FAMILIES if each.name == name)
+    family = next(candidate for candidate in FAMILIES if candidate.name == name)
     verdicts = verdicts_on(family, drawn(family, models, seed), options)
     return verdicts, time.monotonic() - begun
 
@@ -249,7 +252,7 @@ def compared(
     counts = shares(chosen, models)
     options = {"engine": {"name": engine}, "numerics": {"method": method}}
     work = [(family.name, n, seed, options) for family, n in zip(chosen, counts, strict=True) if n]
-    found: list[Verdict] = []
+    all_verdicts: list[Verdict] = []
     with contextlib.ExitStack() as stack:
         if workers == 1:
             results = map(judged, work)
@@ -259,8 +262,8 @@ def compared(
         for verdicts, seconds in results:
             if on_progress is not None:
                 on_progress(verdicts, seconds)
-            found += verdicts
-    return found
+            all_verdicts += verdicts
+    return all_verdicts
 
 
 HEADER = (
@@ -280,8 +283,8 @@ def line(name: str, verdicts: list[Verdict], seconds: float) -> str:
         known = [error for error in errors if not np.isnan(error)]
         return f"{max(known):.1e}" if known else "-"
 
-    error = largest([each.error for each in judged])
-    jacobian = largest([each.jacobian_error for each in judged])
+    error = largest([judgement.error for judgement in judged])
+    jacobian = largest([judgement.jacobian_error for judgement in judged])
     columns = "".join(f"{count:{width}d}" for count, width in zip(counts, (7, 6, 8, 8), strict=True))
     return f"{name:24s}{len(verdicts):7d}{columns}  {error:>11s}  {jacobian:>8s}{seconds:6.0f} s"
 
@@ -292,14 +295,14 @@ def listed(verdicts: list[Verdict], most: int) -> str:
     seen: dict[tuple[str, str], int] = {}
     for verdict in verdicts:
         place = (verdict.family, verdict.outcome)
-        if verdict.outcome == AGREE and not verdict.said:
+        if verdict.outcome == AGREE and not verdict.message:
             continue
         seen[place] = seen.get(place, 0) + 1
         if seen[place] > (1 if verdict.outcome == AGREE else most):
             continue
         values = ", ".join(f"{name}={value!r}" for name, value in verdict.case.values.items())
         lines.append(
-            f"{verdict.family}, {verdict.outcome}: {verdict.said}; error {verdict.error:.1e}, Jacobian "
+            f"{verdict.family}, {verdict.outcome}: {verdict.message}; error {verdict.error:.1e}, Jacobian "
             f"{verdict.jacobian_error:.1e}; {verdict.case.run.model_dump(exclude_defaults=True)}; {values}"
         )
     return "\n".join(lines)

@@ -78,7 +78,7 @@ FAULTS = {
     "aoi2011": (
         Fault("waist twice as fast", _WAIST + "model.py", 'TWO_PI * v["f"]', '2.0 * TWO_PI * v["f"]'),
         Fault("no reset", _WAIST + "rhythm.py", "(p.resetting > 0.0)", "(p.resetting < 0.0)"),
-        Fault("hind limbs in phase", _WAIST + "rhythm.py", "s.phi[3] - p.delta_star_34", "s.phi[3]"),
+        Fault("hind limbs in phase", _WAIST + "rhythm.py", "s.phi[3] - p.delta_star[\"34\"]", "s.phi[3]"),
         Fault("hind limbs' motors exchanged", _WAIST + "kinematics.py",
               "(7, 9, 12, 14), (8, 10, 13, 15)", "(7, 9, 14, 12), (8, 10, 15, 13)"),
         Fault("starts with the other limb ahead", _WAIST + "model.py",
@@ -136,7 +136,7 @@ def verdicts(
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
     if fault is not None:
         fault.plant(tree)
-    others = [each for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
+    others = [entry for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     path = os.pathsep.join([str(tree), *(other for other in others if Path(other).resolve() != ROOT)])
     place = {**os.environ, "PYTHONPATH": path, "GAITSWEEP_CACHE": str(folder / "cache")}
     command = [sys.executable, "-m", "gaitsweep", "reproduce", paper, "--quick"]
@@ -160,11 +160,13 @@ _ON_CORES = (
 )
 
 
-def table(drawn: Sequence[str], found: dict[str, dict[str, str]]) -> tuple[str, list[str], list[str]]:
+def table(
+    drawn: Sequence[str], verdicts_of_runs: dict[str, dict[str, str]]
+) -> tuple[str, list[str], list[str]]:
     """A line a claim with the faults that turn it; the claims that only become open; those of no fault."""
     lines, only_open, never = [], [], []
     for claim in drawn:
-        turned = {name: each[claim] for name, each in found.items()}
+        turned = {name: verdicts_of_claims[claim] for name, verdicts_of_claims in verdicts_of_runs.items()}
         turned = {
             name: verdict
             for name, verdict in turned.items()
@@ -175,7 +177,7 @@ def table(drawn: Sequence[str], found: dict[str, dict[str, str]]) -> tuple[str, 
         elif set(turned.values()) == {ClaimVerdict.open_constants}:
             only_open.append(claim)
         faults = ", ".join(turned) or "NONE"
-        lines.append(f"  {claim:<34}{len(turned):>2} of {len(found)}: {faults}")
+        lines.append(f"  {claim:<34}{len(turned):>2} of {len(verdicts_of_runs)}: {faults}")
     return "\n".join(lines), only_open, never
 
 
@@ -193,32 +195,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, help="folder of the copies and their results; else a temporary one"
     )
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
-        bad = [not told for told in _measured(given.papers or list(FAULTS), given, given.out or Path(name))]
+        turned = _measured(options.papers or list(FAULTS), options, options.out or Path(name))
     print(f"{time.perf_counter() - began:.0f} s in all")
-    return int(any(bad))
+    return int(not all(turned))
 
 
-def _measured(papers: Sequence[str], given: argparse.Namespace, folder: Path) -> list[bool]:
+def _measured(papers: Sequence[str], options: argparse.Namespace, folder: Path) -> list[bool]:
     """Whether each paper's drawn claims are turned, after all runs."""
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    workers = given.workers or max(len(cores) // CORES, 1)
+    workers = options.workers or max(len(cores) // CORES, 1)
     free: SimpleQueue[set[int]] = SimpleQueue()
     for i in range(workers):
         free.put(set(cores[i::workers]))
-    order = {paper: candidates(read_paper(paper), given.seed) for paper in papers}
+    order = {paper: candidates(read_paper(paper), options.seed) for paper in papers}
 
     def run(paper: str, fault: Fault | None) -> dict[str, str]:
         name = fault.name if fault else AS_IS
         place = folder.resolve() / paper / name.replace(" ", "_").replace("'", "")
         place.mkdir(parents=True, exist_ok=True)
-        mine, began = free.get(), time.perf_counter()
+        own_cores, began = free.get(), time.perf_counter()
         try:
-            return verdicts(paper, fault, order[paper][: int(MORE * given.claims)], place, mine)
+            return verdicts(paper, fault, order[paper][: int(MORE * options.claims)], place, own_cores)
         finally:
-            free.put(mine)
+            free.put(own_cores)
             print(f"{paper}, {name}: {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
 
     with ThreadPoolExecutor(workers) as pool:
@@ -226,32 +228,33 @@ def _measured(papers: Sequence[str], given: argparse.Namespace, folder: Path) ->
             paper: {
                 fault.name if fault else AS_IS: pool.submit(run, paper, fault)
                 for fault in (None, *FAULTS[paper])
-                if fault is None or given.fault is None or fault.name in given.fault
+                if fault is None or options.fault is None or fault.name in options.fault
             }
             for paper in papers
         }
     return [
-        _told(paper, {name: each.result() for name, each in of.items()}, order[paper], given.claims)
+        _report(paper, {name: future.result() for name, future in of.items()}, order[paper], options.claims)
         for paper, of in runs.items()
     ]
 
 
-def _told(paper: str, found: dict[str, dict[str, str]], order: Sequence[str], claims: int) -> bool:
+def _report(
+    paper: str, verdicts_of_runs: dict[str, dict[str, str]], order: Sequence[str], claims: int
+) -> bool:
     """Print what became of a paper's claims; whether enough were drawn and a fault turns each."""
-    as_is = found.pop(AS_IS)
+    as_is = verdicts_of_runs.pop(AS_IS)
     good = [claim for claim in order if as_is.get(claim) == ClaimVerdict.reproduced]
     drawn = good[:claims]
-    lines, only_open, never = table(drawn, found)
+    lines, only_open, never = table(drawn, verdicts_of_runs)
     print(
         f"\n{paper}: {len(drawn)} claims of {len(order)} that a simulation could turn, "
-        f"{len(found)} faults\n{lines}"
+        f"{len(verdicts_of_runs)} faults\n{lines}"
     )
     for words, names in (("turned only to open", only_open), ("turned by no fault", never)):
         print(f"  {words}: {', '.join(names) or 'none'}")
-    for name, each in found.items():
-        turned = [
-            claim for claim in drawn if each[claim] not in (ClaimVerdict.reproduced, ClaimVerdict.not_run)
-        ]
+    for name, verdicts_of_claims in verdicts_of_runs.items():
+        as_before = (ClaimVerdict.reproduced, ClaimVerdict.not_run)
+        turned = [claim for claim in drawn if verdicts_of_claims[claim] not in as_before]
         print(f"  {name} turns {len(turned)}")
     return len(drawn) == claims and not never
 

@@ -138,8 +138,8 @@ def shrunk(data: dict[str, Any]) -> dict[str, Any]:
             if name == "sample":
                 group["n"] = 3
             elif name == "zip":
-                for inner, each in group.items():
-                    group[inner] = _short(each)
+                for inner, part in group.items():
+                    group[inner] = _short(part)
             else:
                 data["vary"][name] = _short(axis)
     run = data.get("run") or {}
@@ -168,13 +168,13 @@ def _short(axis: Any) -> Any:
 
 def _places(value: Any, inside: Callable[[Any], bool]) -> list[tuple[Any, Any]]:
     """Every container and key in a document for which `inside` takes the value."""
-    found = []
+    places = []
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, inner in items:
         if inside(inner):
-            found.append((value, key))
-        found += _places(inner, inside)
-    return found
+            places.append((value, key))
+        places += _places(inner, inside)
+    return places
 
 
 def _any(value: Any) -> bool:
@@ -261,16 +261,16 @@ def _nested(data: Any, rng: random.Random, shop: Workshop) -> None:
 def _many(data: Any, rng: random.Random, shop: Workshop) -> None:
     """Thousands of fields that are not there, of points, of figures."""
     count = rng.choice((300, 5_000, 30_000))
-    what = rng.randrange(6)
-    if what == 0:
+    kind = rng.randrange(6)
+    if kind == 0:
         data.update({f"name{i}": i for i in range(count)})
-    elif what in (1, 2):
-        field = ("params", "vary")[what - 1]
+    elif kind in (1, 2):
+        field = ("params", "vary")[kind - 1]
         inside = data.get(field) if isinstance(data.get(field), dict) else {}
-        data[field] = {**inside, **{f"beta_{i}": [1, 2] if what == 2 else 1 for i in range(count)}}
-    elif what == 3:
+        data[field] = {**inside, **{f"beta_{i}": [1, 2] if kind == 2 else 1 for i in range(count)}}
+    elif kind == 3:
         data["vary"] = {"psi_1": {"values": [f"{i}*1e-6*pi" for i in range(count)]}}
-    elif what == 4:
+    elif kind == 4:
         data["figures"] = [
             {"kind": "basin", "x": f"a{i}", "y": "b", "name": f"f{i}"} for i in range(count // 5)
         ]

@@ -166,7 +166,7 @@ def by_command_line(count: int, seed: int, folder: Path) -> list[Answer]:
             checks.append(("check", mutant, ["check", str(mutant.path)]))
     commands = [*checks, *runs]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, AT_A_TIME)) as pool:
-        return list(pool.map(lambda each: run_one(*each, folder=folder), commands))
+        return list(pool.map(lambda command: run_one(*command, folder=folder), commands))
 
 
 def run_one(kind: str, mutant: Mutant, arguments: list[str], folder: Path) -> Answer:
@@ -211,10 +211,12 @@ def table(answers: Sequence[Answer]) -> str:
     )
     lines = [head]
     for kind in sorted({answer.kind for answer in answers}):
-        mine = [answer for answer in answers if answer.kind == kind]
-        faults, good = (sum(map(bool, each)) for each in zip(*((a.fault, a.good) for a in mine), strict=True))
-        worst = [max(getattr(answer, name) for answer in mine) for name in ("wall", "processor", "memory")]
-        lines.append(f"{kind:<16}{len(mine):>6}{good:>6}{faults:>8}"
+        of_kind = [answer for answer in answers if answer.kind == kind]
+        faults, good = (
+            sum(map(bool, values)) for values in zip(*((a.fault, a.good) for a in of_kind), strict=True)
+        )
+        worst = [max(getattr(answer, name) for answer in of_kind) for name in ("wall", "processor", "memory")]
+        lines.append(f"{kind:<16}{len(of_kind):>6}{good:>6}{faults:>8}"
                      f"{worst[0]:>11.2f}{worst[1]:>14.2f}{worst[2]:>12.0f}")  # fmt: skip
     return "\n".join(lines)
 
@@ -225,11 +227,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=3000, help="damaged jobs checked in this process")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--cli", type=int, default=100, help="damaged jobs given to the command line")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
-        answers = check_all(given.jobs, given.seed, _made(Path(name) / "checked"))
-        commands = by_command_line(given.cli, given.seed, _made(Path(name) / "commands"))
+        answers = check_all(options.jobs, options.seed, _made(Path(name) / "checked"))
+        commands = by_command_line(options.cli, options.seed, _made(Path(name) / "commands"))
     crowded = os.getloadavg()[0] > 1.2 * (os.cpu_count() or 1)
     print(f"{len(answers)} damaged jobs checked in one process\n{table(answers)}")
     print(f"\n{len(commands)} by the command line (its start, some 3 s, included)\n{table(commands)}\n")

@@ -78,9 +78,9 @@ def finer(subject: Callable[[int], Subject], verdicts: list[Verdict], chosen: ar
     sets = [{**v.values, "dt": v.values["dt"] / chosen.finer} for v in verdicts]
     shorter = references(subject, chosen.crossings, [(values, False) for values in sets], chosen.workers)
     pairs = list(zip(verdicts, shorter, strict=True))
-    apart = [about.distance(v.theirs, there, v.values) for v, there in pairs]
+    apart = [about.distance(v.theirs, finer_row, v.values) for v, finer_row in pairs]
     shares = np.nanpercentile(apart, [50, 95, 100])
-    other = sum(v.theirs.status != there.status for v, there in pairs)
+    other = sum(v.theirs.status != finer_row.status for v, finer_row in pairs)
     lines = [
         ("distance, rad: median, 95 %, largest", ", ".join(f"{e:.2g}" for e in shares)),
         ("of another status", f"{other}"),

@@ -59,8 +59,8 @@ def reference(values: Values, nudge: bool, crossings: int) -> Found:
 
     xml, defaults = _page()
     start = values["delta_13"] + (1e-9 if nudge else 0.0)
-    given = {name: value for name, value in values.items() if name != "delta_13"}
-    p = resolve({**defaults, **FIXED, **given}, {})
+    parameters = {name: value for name, value in values.items() if name != "delta_13"}
+    p = resolve({**defaults, **FIXED, **parameters}, {})
     try:
         result = landings(xml, p, start, crossings, rtol=SECOND_RTOL if nudge else RTOL)
     except Fallen:

@@ -90,14 +90,14 @@ def timed(name: str, run: Runner, lanes: int, crossings: int, dt: float, note: s
     base = Starts.of(Parameters(), true[:, 0])
     starts = Starts(base.z[chosen], base.modes[chosen])
     run(starts, 1, dt)
-    seconds, found = np.inf, None
+    seconds, result = np.inf, None
     for _ in range(repeats):
         begun = time.perf_counter()
-        found = run(starts, crossings, dt)
+        result = run(starts, crossings, dt)
         seconds = min(seconds, time.perf_counter() - begun)
-    assert found is not None
-    error = errors(found.crossings[:, :, 1:], true[chosen, 1 : crossings + 1])
-    attempts = int(found.attempts.sum())
+    assert result is not None
+    error = errors(result.crossings[:, :, 1:], true[chosen, 1 : crossings + 1])
+    attempts = int(result.attempts.sum())
     return {
         "name": name,
         "steps_per_second": attempts / seconds,

@@ -37,9 +37,9 @@ class Failed(RuntimeError):
     """A call of the driver or of NVRTC failed, or there is nothing to call."""
 
 
-def checked(code: int, what: str) -> None:
+def checked(code: int, call: str) -> None:
     if code:
-        raise Failed(f"{what} failed with {code}")
+        raise Failed(f"{call} failed with {code}")
 
 
 @lru_cache(maxsize=1)

@@ -97,7 +97,7 @@ def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
     controller = diffrax.PIDController(rtol=rtol, atol=1e-3 * rtol)
 
     def advance(carry):
-        z, contact, segment, landed, found, count, steps = carry
+        z, contact, segment, landed, recorded, count, steps = carry
         modes = (contact, segment)
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(flow), getattr(diffrax, solver)(), 0.0, 40.0, FIRST_STEP, z, modes, event=event,
@@ -112,17 +112,17 @@ def _program(p: Parameters, crossings: int, rtol: float, solver: str) -> Any:
         wrapped = ended & (segment == 2)
         closed = (kicked[0] | wrapped[0]) & ~landed
         psi = jnp.diff(z[2]) % turn
-        found = jnp.where(closed, found.at[count].set(psi, mode="drop"), found)
+        recorded = jnp.where(closed, recorded.at[count].set(psi, mode="drop"), recorded)
         y = z[3] + kicked * (turn - z[2]) / p.tau
         phi = jnp.where(ended, jnp.where(wrapped, 0.0, corners[segment]), z[2])
         z = jnp.stack([z[0], z[1], phi, y])
         landed = (landed | kicked[0]) & ~wrapped[0]
         count, steps = count + closed, steps + solution.stats["num_steps"]
-        return z, contact ^ switch, (segment + ended) % 3, landed, found, count, steps
+        return z, contact ^ switch, (segment + ended) % 3, landed, recorded, count, steps
 
     def run(z, contact, segment, landed):
-        found = jnp.full((crossings, p.N), jnp.nan)
-        carry = (z, contact, segment, landed, found, 0, 0)
+        recorded = jnp.full((crossings, p.N), jnp.nan)
+        carry = (z, contact, segment, landed, recorded, 0, 0)
         end = jax.lax.while_loop(lambda carry: carry[5] < crossings, advance, carry)
         return end[4], end[6]
 
@@ -143,9 +143,9 @@ def _measure(lanes: int, crossings: int, rtol: float, solver: str) -> Row:
     compiled = _program(p, crossings, rtol, solver).lower(*arguments).compile()
     compilation = time.perf_counter() - begun
     begun = time.perf_counter()
-    found, steps = (np.asarray(part) for part in compiled(*arguments))
+    recorded, steps = (np.asarray(part) for part in compiled(*arguments))
     seconds = time.perf_counter() - begun
-    error = errors(found, true[:, 1 : crossings + 1])
+    error = errors(recorded, true[:, 1 : crossings + 1])
     return {
         "name": NAME,
         "steps_per_second": float(steps.sum() / seconds),

@@ -116,13 +116,13 @@ def halved(of: Guards) -> Guards:
 
 
 @compiled
-def first_root(near: Guards, there: Guards, h: float) -> float:
+def first_root(near: Guards, far: Guards, h: float) -> float:
     """First root of the secants of the guards that fire, as a step from the state (s)."""
     share = 1.0
     for guard in range(2 * LEGS):
-        if there[guard] >= 0.0:
+        if far[guard] >= 0.0:
             below = max(-near[guard], 0.0)
-            rise = below + there[guard]
+            rise = below + far[guard]
             share = min(share, below / rise if rise > 0.0 else 0.0)
     return h * share
 
@@ -137,20 +137,20 @@ def line(p: Table, segment: int) -> tuple[float, float, float, float]:
 
 
 @compiled
-def jump(p: Table, state: State, modes: Modes, segment: Any, there: Guards, landed: bool) -> Any:
+def jump(p: Table, state: State, modes: Modes, segment: Any, at_trial: Guards, landed: bool) -> Any:
     """State, modes and segments after the events of `there`; leg 1's landing; whether a cycle closed."""
     x, v, q, y = state
     slope, foot, push = modes
     closed = False
     for leg in range(LEGS):
-        wraps = there[leg] >= 0.0 and segment[leg] == LANDING
-        if there[leg] >= 0.0:
+        wraps = at_trial[leg] >= 0.0 and segment[leg] == LANDING
+        if at_trial[leg] >= 0.0:
             following = (segment[leg] + 1) % 3
             segment = with_one(segment, leg, following)
             _, extent, rise, start = line(p, following)
             q = with_one(q, leg, q[leg] - extent)
             slope, foot = with_one(slope, leg, rise), with_one(foot, leg, start)
-        switched = there[LEGS + leg] >= 0.0
+        switched = at_trial[LEGS + leg] >= 0.0
         kicked = switched and push[leg] == 0.0 and segment[leg] == LANDING
         push = with_one(push, leg, 1.0 - push[leg] if switched else push[leg])
         y = with_one(y, leg, y[leg] - p.rate * q[leg] if kicked else y[leg])
@@ -161,11 +161,11 @@ def jump(p: Table, state: State, modes: Modes, segment: Any, there: Guards, land
 
 
 @compiled
-def keep(p: Table, t: float, q: Four, segment: Any, kept: Array) -> None:
-    kept[0] = t
+def keep(p: Table, t: float, q: Four, segment: Any, sample: Array) -> None:
+    sample[0] = t
     for leg in range(1, LEGS):
         psi = q[leg] + line(p, segment[leg])[0] - q[leg - 1] - line(p, segment[leg - 1])[0]
-        kept[leg] = psi - TURN * math.floor(psi / TURN)
+        sample[leg] = psi - TURN * math.floor(psi / TURN)
 
 
 @compiled
@@ -174,20 +174,20 @@ def four(row: Any, first: int) -> Any:
 
 
 @compiled
-def trajectory(p: Table, row: Array, segments: Any, dt: float, limit: int, found: Array) -> int:
+def trajectory(p: Table, row: Array, segments: Any, dt: float, limit: int, recorded: Array) -> int:
     """Fills `found` (crossings, 4) with t and psi; the attempts that it took."""
     state, segment = (four(row, 0), four(row, 4), four(row, 8), four(row, 12)), four(segments, 0)
     modes = four(row, 16), four(row, 20), four(row, 24)
     near = guards(state, modes)  # halved, as the guards at the far end, where that end stays for long
     far, far_guards, moved, trials = math.inf, near, 0, 0
     t, h, pace, landed, count, attempts = 0.0, 0.0, dt, True, 0, 0
-    while count < len(found) and attempts < limit:
+    while count < len(recorded) and attempts < limit:
         attempts += 1
         trial = rk4(p, state, modes, h) if h > 0.0 else state
-        there = guards(trial, modes)
+        at_trial = guards(trial, modes)
         tolerance = EVENT_TOLERANCE * (1.0 + max(trials - PATIENT_TRIALS, 0) ** 2)
-        if max(there) < 0.0:
-            state, near = trial, there
+        if max(at_trial) < 0.0:
+            state, near = trial, at_trial
             t += h
             trials = trials + 1 if far < math.inf else 0
             far = far - h if far > h else math.inf
@@ -198,11 +198,11 @@ def trajectory(p: Table, row: Array, segments: Any, dt: float, limit: int, found
             if moved > 0:
                 far_guards = halved(far_guards)
             moved = 1
-        elif h - first_root(guards(state, modes), there, h) <= tolerance:
+        elif h - first_root(guards(state, modes), at_trial, h) <= tolerance:
             t += h
-            state, modes, segment, landed, closed = jump(p, trial, modes, segment, there, landed)
+            state, modes, segment, landed, closed = jump(p, trial, modes, segment, at_trial, landed)
             if closed:
-                keep(p, t, state[2], segment, found[count])
+                keep(p, t, state[2], segment, recorded[count])
                 count += 1
             near = guards(state, modes)
             h, far, moved, trials = 0.0, math.inf, 0, 0
@@ -210,7 +210,7 @@ def trajectory(p: Table, row: Array, segments: Any, dt: float, limit: int, found
         else:
             if moved < 0:
                 near = halved(near)
-            far, far_guards, moved, trials = h, there, -1, trials + 1
+            far, far_guards, moved, trials = h, at_trial, -1, trials + 1
         # the next trial on the way to the event: the Illinois secant, half a tolerance past its root
         root = first_root(near, far_guards, far) + 0.5 * tolerance
         h = far if far <= tolerance else 0.5 * far if trials > SECANT_TRIALS else min(root, far)
@@ -218,9 +218,9 @@ def trajectory(p: Table, row: Array, segments: Any, dt: float, limit: int, found
 
 
 @njit(parallel=True, error_model="numpy", fastmath={"contract"})
-def sweep(p: Table, z: Array, segments: Any, dt: float, limit: int, found: Array, attempts: Any) -> None:
+def sweep(p: Table, z: Array, segments: Any, dt: float, limit: int, recorded: Array, attempts: Any) -> None:
     for row in prange(len(z)):
-        attempts[row] = trajectory(p, z[row], segments[row], dt, limit, found[row])
+        attempts[row] = trajectory(p, z[row], segments[row], dt, limit, recorded[row])
 
 
 def run(starts: Starts, crossings: int, dt: float = 4e-3) -> Found:

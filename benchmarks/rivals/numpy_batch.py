@@ -118,8 +118,8 @@ def sweep(batch: Batch, crossings: int, dt: float, located: bool) -> tuple[Array
             _, z = bisect(batch, full, z)
         batch.z = z
         closed = np.flatnonzero(jump(batch))
-        kept = closed[count[closed] < crossings]
-        result[kept, count[kept]] = np.diff(batch.z[kept, 2], axis=1) % TURN
+        recording = closed[count[closed] < crossings]
+        result[recording, count[recording]] = np.diff(batch.z[recording, 2], axis=1) % TURN
         count[closed] += 1
         steps += 1
     return result, steps
@@ -132,9 +132,9 @@ def measure(located: bool = False, lanes: int = 1024, crossings: int = 1, dt: fl
     true = true[np.arange(lanes) % len(true)]
     batch = Batch.of(p, states(p, true[:, 0]))
     begun = time.perf_counter()
-    found, steps = sweep(batch, crossings, dt, located)
+    recorded, steps = sweep(batch, crossings, dt, located)
     seconds = time.perf_counter() - begun
-    error = errors(found, true[:, 1 : crossings + 1])
+    error = errors(recorded, true[:, 1 : crossings + 1])
     return {
         "name": "NumPy batch, RK4, events " + ("bisected" if located else "at the step's end"),
         "steps_per_second": lanes * steps / seconds,

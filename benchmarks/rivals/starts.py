@@ -52,8 +52,8 @@ def stacked(states: Sequence[State], name: str) -> Array:
     return np.array([getattr(state, name) for state in states], dtype=float)
 
 
-def errors(found: Array, true: Array) -> Array:
+def errors(computed: Array, true: Array) -> Array:
     """Largest wrapped distance (rad) of each start, both (starts, crossings, N), over what both have."""
-    crossings = min(found.shape[1], true.shape[1])
-    gap = np.abs(found[:, :crossings] - true[:, :crossings]) % (2.0 * np.pi)
+    crossings = min(computed.shape[1], true.shape[1])
+    gap = np.abs(computed[:, :crossings] - true[:, :crossings]) % (2.0 * np.pi)
     return np.minimum(gap, 2.0 * np.pi - gap).max(axis=(1, 2))

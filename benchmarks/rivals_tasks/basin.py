@@ -98,9 +98,9 @@ def one_call(angles: Array, rates: Array) -> NDArray[np.bool_]:
 def code_lines(*objects: Callable) -> int:
     """Lines of code of functions and classes, without comments, docstrings and blanks."""
     total = 0
-    for each in objects:
+    for code in objects:
         # source without comments and docstrings, on as few lines as it needs
-        tree = ast.parse(textwrap.dedent(inspect.getsource(each)))
+        tree = ast.parse(textwrap.dedent(inspect.getsource(code)))
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node):
                 node.body = node.body[1:]

@@ -57,8 +57,8 @@ def lines_of(rows: int, options: Options) -> Iterator[Line]:
 def followed(b: Array) -> tuple[Array, Array, NDArray[np.int_]]:
     """u, p and the row of each point of all branches, by gaitsweep."""
     points = gs.stationary(Pitchfork(), params={"b": b})
-    found = points.fixed_points(np.full((len(b), 1), 0.05)).points
-    table = points.continue_(found, "p", (BEGIN, END), towards=1)
+    fixed = points.fixed_points(np.full((len(b), 1), 0.05)).points
+    table = points.continue_(fixed, "p", (BEGIN, END), towards=1)
     return table["u"].to_numpy(float), table["p"].to_numpy(float), table["row"].to_numpy(int)
 
 

@@ -116,9 +116,9 @@ def heyoka_ends(begin: Array) -> Array:
     integrator = hy.taylor_adaptive_batch(system, np.zeros((2, lanes)), tol=RTOL)
     ends = np.empty(len(begin))
     for first in range(0, len(begin), lanes):
-        here = begin[np.minimum(np.arange(first, first + lanes), len(begin) - 1)]
+        starts = begin[np.minimum(np.arange(first, first + lanes), len(begin) - 1)]
         integrator.set_time(0.0)
-        integrator.state[:] = here.T
+        integrator.state[:] = starts.T
         integrator.propagate_until(np.full(lanes, DURATION))
         ends[first : first + lanes] = integrator.state[1, : len(begin) - first]
     return ends

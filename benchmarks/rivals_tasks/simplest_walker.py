@@ -117,7 +117,7 @@ def heyoka_walk(tolerance: float):
     swing = fall + (theta_rate**2 - hy.cos(theta - SLOPE)) * hy.sin(phi)
     system = [(theta, theta_rate), (theta_rate, fall), (phi, phi_rate), (phi_rate, swing)]
     lanes = hy.recommended_simd_size()
-    taken, last = [0] * lanes, np.zeros((lanes, 3))
+    steps, last = [0] * lanes, np.zeros((lanes, 3))
     walking = set(range(lanes))
 
     def exchange(integrator, sign, lane):
@@ -125,12 +125,12 @@ def heyoka_walk(tolerance: float):
         angle = state[0, lane]
         if angle > 0.0:  # the start is on the surface of the event
             return True
-        kept = math.cos(2.0 * angle)
-        rate = kept * state[1, lane]
+        cosine = math.cos(2.0 * angle)
+        rate = cosine * state[1, lane]
         state[0, lane], state[1, lane] = -angle, rate
-        state[2, lane], state[3, lane] = -2.0 * angle, (1.0 - kept) * rate
-        taken[lane] += 1
-        if taken[lane] == STEPS:
+        state[2, lane], state[3, lane] = -2.0 * angle, (1.0 - cosine) * rate
+        steps[lane] += 1
+        if steps[lane] == STEPS:
             last[lane] = integrator.time[lane], -angle, rate
             walking.discard(lane)
         # an event that ends one lane ends the batch: lanes that are ahead walk on
@@ -142,12 +142,12 @@ def heyoka_walk(tolerance: float):
     def ends_of(angles: Array) -> tuple[Array, int]:
         ends, count = np.full((len(angles), 3), np.nan), 0
         for first in range(0, len(angles), lanes):
-            here = angles[np.minimum(np.arange(first, first + lanes), len(angles) - 1)]
+            starts = angles[np.minimum(np.arange(first, first + lanes), len(angles) - 1)]
             integrator.set_time(0.0)
             integrator.reset_cooldowns()
             rate = np.full(lanes, RATE)
-            integrator.state[:] = here, rate, 2.0 * here, (1.0 - np.cos(2.0 * here)) * rate
-            taken[:] = [0] * lanes
+            integrator.state[:] = starts, rate, 2.0 * starts, (1.0 - np.cos(2.0 * starts)) * rate
+            steps[:] = [0] * lanes
             walking.update(range(lanes))
             integrator.propagate_until(np.full(lanes, 1e3))
             rows = ends[first : first + lanes]

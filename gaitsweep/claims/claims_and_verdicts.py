@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import enum
 import inspect
+import itertools
 import math
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
+from pydantic import Field, FiniteFloat, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.records import names_in
@@ -50,10 +51,10 @@ class PaperJob(StrictModel):
 class Bounds(StrictModel):
     """The values that a claim allows."""
 
-    tolerance: float | None = Field(default=None, ge=0, allow_inf_nan=False, description="absolute tolerance")
-    between: tuple[float, float] | None = Field(default=None, description="allowed interval")
-    above: float | None = Field(default=None, description="lower bound of the value")
-    below: float | None = Field(default=None, description="upper bound of the value")
+    tolerance: FiniteFloat | None = Field(default=None, ge=0, description="absolute tolerance")
+    between: tuple[FiniteFloat, FiniteFloat] | None = Field(default=None, description="allowed interval")
+    above: FiniteFloat | None = Field(default=None, description="lower bound of the value")
+    below: FiniteFloat | None = Field(default=None, description="upper bound of the value")
 
 
 class Quick(Bounds):
@@ -113,10 +114,9 @@ class Claim(Bounds):
         if self.between is None and self.above is None and self.below is None:
             return None
         low, high = self.between or (-math.inf, math.inf)
-        return (
-            low if self.above is None else max(low, self.above),
-            high if self.below is None else min(high, self.below),
-        )
+        above = -math.inf if self.above is None else self.above
+        below = math.inf if self.below is None else self.below
+        return max(low, above), min(high, below)
 
     def as_quick(self) -> Claim | None:
         """The claim with the replacements of `--quick`, or None if `--quick` leaves it out."""
@@ -136,13 +136,6 @@ class Paper(StrictModel):
     claims: list[Claim] = Field(min_length=1, description="the claims")
 
     _file: Path = PrivateAttr()
-
-    @classmethod
-    def of_file(cls, data: Mapping[str, Any], file: Path) -> Paper:
-        """The paper in the content of a file; raises pydantic's ValidationError for a wrong field."""
-        paper = cls.model_validate(data)
-        paper._file = file
-        return paper
 
     @property
     def name(self) -> str:
@@ -182,7 +175,7 @@ def _tables() -> dict[str, Path]:
         ExtensionError: two extensions have tables of the same name.
     """
     tables: dict[str, Path] = {}
-    for file in (file for folder in folders("claims") for file in folder.glob("*.yaml")):
+    for file in itertools.chain.from_iterable(folder.glob("*.yaml") for folder in folders("claims")):
         if tables.setdefault(file.stem, file) != file:
             raise ExtensionError(
                 f"There are two tables of claims named {file.stem}, {tables[file.stem]} and {file}: "
@@ -212,9 +205,10 @@ def read_paper(name: str | Path) -> Paper:
     document = read_document(file, noun="a table of claims", fields=("paper", "jobs", "claims"))
     import_all("measures")
     try:
-        paper = Paper.of_file(document.data, file)
+        paper = Paper.model_validate(document.data)
     except ValidationError as error:
         raise document.located(JobError(from_pydantic(error, _SECTIONS, ""))) from None
+    paper._file = file
     if wrong := list(_diagnostics(paper)):
         raise document.located(JobError(wrong))
     return paper
@@ -359,31 +353,26 @@ def agrees(claim: Claim, ours: Value) -> bool:
     Args:
         claim, ours: as for `verdict`.
     """
-    values = _items(ours)
     tolerance = claim.tolerance
+    values = list(ours) if _is_list(ours) else [ours]
     if tolerance is None and claim.interval is not None:
         low, high = claim.interval
         return all(_is_finite(value) and low <= value <= high for value in values)
     expected: Any = claim.paper if claim.equals is None or tolerance is not None else claim.equals
-    expected_values = _items(expected)
-    if _is_list(expected) != _is_list(ours) or len(expected_values) != len(values):
+    if _is_list(expected) != _is_list(ours):
         return False
-    if tolerance is None:
-        return expected_values == values
-    pairs = zip(expected_values, values, strict=True)
+    targets = list(expected) if _is_list(ours) else [expected]
+    if tolerance is None or len(targets) != len(values):
+        return targets == values
+    pairs = zip(targets, values, strict=True)
     return all(_is_finite(value) and abs(target - value) <= tolerance for target, value in pairs)
 
 
-def _is_list(value: Value) -> bool:
+def _is_list(value: Value) -> TypeGuard[Sequence[Any]]:
     """Return whether a value is a list; a text is none."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _items(value: Any) -> list[Any]:
-    """The items of a list; a list with the value itself for others."""
-    return list(value) if _is_list(value) else [value]
-
-
-def _is_finite(value: object) -> bool:
+def _is_finite(value: object) -> TypeGuard[float]:
     """Return whether a value is a finite number."""
     return isinstance(value, (int, float)) and math.isfinite(value)

@@ -29,47 +29,20 @@ _COLOURS = {
 _FIRST = (ClaimVerdict.not_reproduced, ClaimVerdict.open_constants)
 _ORDER = (*_FIRST, *(verdict for verdict in ClaimVerdict if verdict not in _FIRST))
 
-# A link to a folded claim or figure opens it, which not every browser does by itself.
-_SCRIPT = """<script>
-const reveal = () => {
-  const target = document.getElementById(location.hash.slice(1));
-  for (let at = target; at; at = at.parentElement) if (at.tagName === "DETAILS") at.open = true;
-  target?.scrollIntoView();
-};
-addEventListener("hashchange", reveal);
-reveal();
-</script>"""
+
+def _style() -> str:
+    """The style sheet of the page, with the verdicts' colours on light and on dark background."""
+    light, dark = (
+        " ".join(f"--{verdict.name}: {colours[scheme]};" for verdict, colours in _COLOURS.items())
+        for scheme in (0, 1)
+    )
+    colours = f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
+    return SCHEMES + colours + _file("page.css")
 
 
-def _colours(scheme: int) -> str:
-    """The CSS properties of the verdicts' colours: scheme 0 is light, 1 is dark."""
-    return " ".join(f"--{verdict.name}: {colours[scheme]};" for verdict, colours in _COLOURS.items())
-
-
-_STYLE = (
-    SCHEMES
-    + f":root {{ {_colours(0)} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {_colours(1)} }} }}"
-    + """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 80rem; margin: 1.5rem auto; padding: 0 1rem;
-  color: var(--ink); background: var(--paper); }
-h1 { font-size: 1.5rem; margin-bottom: 0; } a { color: var(--link); }
-summary { cursor: pointer; margin-top: 2.5rem; border-bottom: 1px solid var(--rule); }
-summary h2 { display: inline; }
-.pair { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); gap: 0 2rem; }
-.pair figure { position: sticky; top: 0; }
-article { border-left: 5px solid var(--colour); padding: .2rem 0 .2rem 1rem; margin: 1.4rem 0; }
-article h3 { font-size: 1rem; margin: 0; } article p { margin: .3rem 0; }
-.verdict { color: var(--colour); font-weight: 700; } .small { color: var(--faint); font-size: .9rem; }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: 0 1rem; margin: .3rem 0; }
-dt { color: var(--faint); } dd { margin: 0; overflow-wrap: anywhere; }
-code { background: var(--code); padding: 0 .2rem; overflow-wrap: anywhere; }
-figure { margin: 1rem 0; } img { max-width: 100%; height: auto; background: #fff; }
-figcaption { color: var(--faint); }
-table { border-collapse: collapse; } td { vertical-align: top; padding: .2rem 1rem .2rem 0; }
-@media (max-width: 50rem) { .pair { display: block; } .pair figure { position: static; } }
-@media (max-width: 40rem) { dl { grid-template-columns: 1fr; } dt { margin-top: .3rem; } }
-"""
-)
+def _file(name: str) -> str:
+    """The text of a file beside this one."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
 def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool) -> str:
@@ -87,7 +60,8 @@ def page(paper: str, table: pd.DataFrame, runs: Sequence[JobRun], *, quick: bool
     for verdict in _ORDER:
         if verdict in set(table["verdict"]):
             sections.append(_section(verdict, table, shown, failed=failed))
-    return document(html.escape(paper), _STYLE, [*sections, _jobs(runs), _SCRIPT])
+    script = f"<script>\n{_file('page.js')}</script>"
+    return document(html.escape(paper), _style(), [*sections, _jobs(runs), script])
 
 
 def _section(verdict: ClaimVerdict, table: pd.DataFrame, shown: set[str], *, failed: bool) -> str:

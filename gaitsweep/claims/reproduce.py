@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import shlex
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -25,6 +26,7 @@ from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
+from gaitsweep.shipped import shipped
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 TABLE = "claims.parquet"
@@ -54,8 +56,9 @@ class JobRun:
 
     def figure(self, stem: str) -> Path | None:
         """The file of one of its figures, or None if it was not drawn."""
-        file = None if self.path is None else self.path / "figures" / f"{stem}.png"
-        return file if file is not None and file.is_file() else None
+        if self.path is None or not (file := self.path / "figures" / f"{stem}.png").is_file():
+            return None
+        return file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,8 +183,8 @@ class _PaperRun:
         if self.quick:  # a quick job is small, so that its self-check would take longer than its rows
             fields = fields | {"verify": 0} | (job.quick or {})
         overrides = [f"{key}={_inline(value)}" for key, value in fields.items()]
-        settings = [f"--set '{override}'" for override in overrides]
-        command = " ".join([f"gaitsweep run {_short(file)}", *settings])
+        settings = [word for override in overrides for word in ("--set", override)]
+        command = f"{_command(file)} {shlex.join(settings)}".strip()
         began = time.perf_counter()
         try:
             run_job(load_job(file, overrides), path, on_progress=self.on_progress, on_message=self.on_message)
@@ -206,12 +209,10 @@ class _PaperRun:
         if claim is None:
             return _Judgement(None, ClaimVerdict.not_run, "--quick leaves this claim out")
         for name in claim.of:
-            reason = None
             if name not in self.runs:
-                reason = f"--quick leaves the job {name} out"
-            elif self.runs[name].path is None:
+                return _Judgement(None, ClaimVerdict.not_run, f"--quick leaves the job {name} out")
+            if self.runs[name].path is None:
                 reason = f"the job {name} failed: {self.runs[name].failure}"
-            if reason is not None:
                 return _Judgement(None, ClaimVerdict.not_run, reason)
         try:
             ours = MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_)
@@ -234,12 +235,9 @@ class _PaperRun:
             self.on_message(f"{judged.id} has no verdict: {reason}")
         seconds = time.perf_counter() - began
         claim = judged or written_claim
-        first = claim.of[0] if claim.of else None
-        run = self.runs.get(first) if first is not None else None
+        run = next((self.runs.get(name) for name in claim.of[:1]), None)
         figure = run.figure(claim.figure) if run is not None and claim.figure else None
-        command = claim.command or (run.command if run is not None else "")
-        if not command and first is not None:
-            command = f"gaitsweep run {_short(self.paper.job_file(first))}"
+        command = claim.command or (run.command if run else _command(self.paper.job_file(claim.of[0])))
         return {
             "id": claim.id,
             "where": claim.where,
@@ -272,9 +270,10 @@ def _inline(value: object) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("...\n").strip()
 
 
-def _short(file: Path) -> str:
-    """The path of a shipped job in a checkout, which readers can type."""
-    return f"sweeps/{file.name}" if file.parent.name == "sweeps" else str(file)
+def _command(file: Path) -> str:
+    """The command that runs a job; a shipped one's path is that in a checkout, which readers can type."""
+    is_shipped = file.parent == shipped("sweeps")
+    return shlex.join(["gaitsweep", "run", f"sweeps/{file.name}" if is_shipped else str(file)])
 
 
 def _source(file: Path, job: PaperJob) -> _JobSource:

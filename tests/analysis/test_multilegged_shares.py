@@ -45,6 +45,18 @@ def test_shares_are_listed_with_the_conditions() -> None:
     assert shares.loc[0, "direct_high"] == pytest.approx(1.96**2 / (4 + 1.96**2), abs=1e-3)
 
 
+def test_starts_without_swept_parameters_are_one_set() -> None:
+    shares = gait_shares(table().drop(columns="m_B"))
+    assert shares[["direct", "source", "retrograde"]].to_numpy().tolist() == [[1 / 12, 5 / 12, 1 / 12]]
+    assert sets_by_conditions(table().drop(columns="m_B"))["sets"].tolist() == [1]
+
+
+def test_each_set_has_the_interval_of_its_own_starts() -> None:
+    """No start comes to the direct wave: the interval ends higher for one start than for four."""
+    some = table().query("m_B == 0.4 or (m_B == 1.1 and psi_1 == 0)")
+    assert gait_shares(some)["direct_high"].tolist() == pytest.approx([0.49, 0.79], abs=5e-3)
+
+
 def test_sets_are_counted_by_the_conditions() -> None:
     """Inside the conditions all three gaits; above them the source wave alone; below them none."""
     sets = sets_by_conditions(table())

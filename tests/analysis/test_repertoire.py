@@ -41,6 +41,11 @@ def test_counts_add_up_to_the_rows() -> None:
     assert result.loc[0.0, ["rows", "gaits", "trot", "fell", "unsteady"]].tolist() == [3, 1, 1, 1, 1]
 
 
+def test_a_parameter_set_has_a_column() -> None:
+    with pytest.raises(AnalysisError, match="sets is empty"):
+        repertoire(table(), [])
+
+
 def test_the_order_over_speed() -> None:
     result = repertoire(table(), ["com_x"]).set_index("com_x")
     assert result.loc[0.1, "speed_canter"] == pytest.approx(1.9)

@@ -271,3 +271,23 @@ def test_ends_on_both_sides_of_the_branch_cut_are_one() -> None:
     for of_rows in (settled_measures.last_change, settled_measures.distinct_ends):
         with pytest.raises(MeasureError, match="The table is empty"):
             of_rows(ends.head(0))
+
+
+def test_legs_and_links_that_a_chain_lacks_are_refused(table: pd.DataFrame) -> None:
+    """Neither a number below 1, which would count from the tail, nor one above the last."""
+    for number in (0, N + 2):
+        with pytest.raises(ArgumentError, match=f"link is {number}"):
+            theory_measures.set_phase(kind="A", k=5, link=number)
+        with pytest.raises(ArgumentError, match=f"has {number}, but"):
+            wave_measures.leads(table, row=0, links=[1, number])
+        with pytest.raises(ArgumentError, match=f"has {number}, but"):
+            wave_measures.simulated_order(table, row=0, legs=[1, number])
+
+
+def test_a_trace_without_what_a_measure_needs_is_refused(table: pd.DataFrame) -> None:
+    with pytest.raises(MeasureError, match="empty"):
+        wave_measures.touchdown_phases_apart(table.head(0))
+    row = table.loc[table["row"] == 0].assign(contact_1=1.0)
+    still = row.assign(**{f"contact_{i}": 1.0 for i in range(1, N + 2)})
+    with pytest.raises(MeasureError, match="No leg of row 0 touches down"):
+        wave_measures.neighbours_at_touchdown(still, row=0, k=3)

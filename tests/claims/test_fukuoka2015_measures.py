@@ -127,21 +127,21 @@ def test_pitch_cycles_and_stance() -> None:
 
 def test_loads_of_pairs() -> None:
     table = trace("L-walk")
-    assert gait_measures.pairs_measure(table, gait="L-walk", measure="load_stance") == pytest.approx(
+    assert gait_measures.pairs_measure(table, gait="L-walk", quantity="load_stance") == pytest.approx(
         [10.0, 10.0], abs=0.5
     )
-    assert gait_measures.pairs_measure(table, gait="L-walk", measure="delta") == pytest.approx(
+    assert gait_measures.pairs_measure(table, gait="L-walk", quantity="delta") == pytest.approx(
         [0.2, 0.2], abs=0.02
     )
     assert gait_measures.loaded_longer(table, gait="L-walk") == pytest.approx([0.0, 0.0], abs=0.02)
-    tilt = gait_measures.pairs_measure(table, gait="L-walk", measure="tilt_late")
+    tilt = gait_measures.pairs_measure(table, gait="L-walk", quantity="tilt_late")
     assert gait_measures.late_tilt(table, gait="L-walk") == pytest.approx(
         [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
     with pytest.raises(MeasureError, match="weight is not a column of the table"):
-        gait_measures.pair_measure(table, gait="L-walk", pair=1, measure="weight")
+        gait_measures.pair_measure(table, gait="L-walk", pair=1, quantity="weight")
     with pytest.raises(MeasureError, match="no measure weight"):
-        gait_measures.rule_agreement(table, measure="weight")
+        gait_measures.rule_agreement(table, quantity="weight")
 
 
 def test_speeds_of_gaits_without_numbers() -> None:
@@ -156,9 +156,9 @@ def test_speeds_of_gaits_without_numbers() -> None:
     assert "trot" not in str(missing.value)
     slower = table.assign(speed_end=[1.0, np.nan, 0.4])
     assert gait_measures.speed_gap(slower, slow=["walk"], fast=["trot"]) == pytest.approx(0.6)
-    assert gait_measures.largest_deviation(table, column="speed_end", value=0.5) == 0.5
+    assert gait_measures.largest_deviation(table, column="speed_end", centre=0.5) == 0.5
     with pytest.raises(MeasureError, match="speed_end"):
-        gait_measures.largest_deviation(table, column="speed_end", value=0.5, where="gait == 'L-walk'")
+        gait_measures.largest_deviation(table, column="speed_end", centre=0.5, where="gait == 'L-walk'")
 
 
 def test_values_of_the_model() -> None:
@@ -180,3 +180,14 @@ def test_verdicts_of_the_claims() -> None:
     assert verdict(claims["fig3f_speed"], 2.4985) == ClaimVerdict.reproduced
     assert verdict(claims["fig2_pitch_large_at_high_speed"], 0.6) == ClaimVerdict.not_reproduced
     assert verdict(claims["fig6a_load"], [-4.4, 4.2]) == ClaimVerdict.not_reproduced
+
+
+def test_measures_of_ramps_without_records_are_refused() -> None:
+    table = ramp(["L-walk", "trot"])
+    for measured in (
+        lambda: ramp_measures.share_up_and_down(table.head(0), up=["walk"], down=["walk"]),
+        lambda: ramp_measures.rise_with(table.head(0), parameter="sigma", columns=["speed_n"]),
+        lambda: ramp_measures.acceleration(table, between=[90.0, 91.0]),
+    ):
+        with pytest.raises(MeasureError):
+            measured()

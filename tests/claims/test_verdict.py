@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, verdict
 
@@ -49,6 +50,12 @@ def claim(**fields: Any) -> Claim:
 )
 def test_verdict(fields: dict[str, Any], ours: Any, expected: ClaimVerdict) -> None:
     assert verdict(claim(**fields), ours) is expected
+
+
+@pytest.mark.parametrize("bound", [{"above": math.nan}, {"below": math.inf}, {"between": [0, math.nan]}])
+def test_a_bound_is_a_finite_number(bound: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="finite"):
+        claim(paper="about one", **bound)
 
 
 def test_quick_replaces_the_bound() -> None:

@@ -182,6 +182,9 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "B, k = 3" in printed
     assert "psi_4 from 1.256637 to 5.165092 rad on section 4" in printed  # eq. (25)
     assert "eigenvalues  1, 0.666667 (2), 0.5" in printed  # eq. (22), set A
+    assert "motions of the chain        direct, source, retrograde\n" in printed
+    assert main(["analyse", "multilegged-theory", "--set", "m_1=5"]) == 0  # far above m_B < m
+    assert "motions of the chain        none\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,19 @@ def test_lines_are_found_in_the_output(tmp_path: Path) -> None:
     assert not list(unsourced(PAGE))
 
 
+def test_a_number_stands_in_the_line_of_which_most_are_equal(tmp_path: Path) -> None:
+    """Two rows of one form: the number in front tells them apart."""
+    page = PAGE.replace("trot * {3.09} rad\nrows ... all {29 403}", "{3.09} 1 {29 403}")
+    (check,) = checks(page)
+    rows = printing(tmp_path, check, "1.00  1  500\n3.09  1  29403\n", "")
+    assert [outcome for *_, outcome in compared(check, rows)] == ["equal", "equal"]
+    rows = printing(tmp_path, check, "1.00  1  500\n3.09  1  29404\n", "")
+    assert [outcome for *_, outcome in compared(check, rows)] == [
+        "equal",
+        "differs: the command prints 29404",
+    ]
+
+
 def test_a_line_that_is_gone_differs(tmp_path: Path) -> None:
     (check,) = checks(PAGE)
     outcomes = {outcome for _, _, outcome in compared(check, printing(tmp_path, check, "a trot", ""))}

@@ -69,7 +69,7 @@ def float_leaves(
     values: dict[str, float], gravity: tuple[float, ...] = (0.0, 0.0, -9.8)
 ) -> dict[str, np.ndarray]:
     columns = {name: np.array([value]) for name, value in values.items()}
-    fields = compiled_variants(level=True).numbers(columns)
+    fields = compiled_variants().numbers(columns)
     return {name: field[0] for name, field in fields.items()} | {"opt.gravity": np.array(gravity)}
 
 
@@ -233,14 +233,14 @@ def test_rows_get_the_fields_of_their_own_values() -> None:
     n = 5
     columns = {name: np.full(n, value) for name, value in TABLE_1.items()}
     columns["front_mass"] = np.array([1.0, 1.3, 1.0, 0.7, 1.3])
-    fields = compiled_variants(level=True).numbers(columns)
+    fields = compiled_variants().numbers(columns)
     assert {len(field) for field in fields.values()} == {n}
     np.testing.assert_array_equal(fields["body_mass"][:, 1], columns["front_mass"])
     np.testing.assert_array_equal(fields["body_subtreemass"][1], fields["body_subtreemass"][4])
-    one = compiled_variants(level=True).numbers({name: column[:1] for name, column in columns.items()})
+    one = compiled_variants().numbers({name: column[:1] for name, column in columns.items()})
     assert one.keys() == fields.keys()
     with pytest.raises(ValueError, match=r"front_mass -1, .*, MuJoCo refuses the body"):
-        compiled_variants(level=True).numbers(columns | {"front_mass": np.full(n, -1.0)})
+        compiled_variants().numbers(columns | {"front_mass": np.full(n, -1.0)})
 
 
 def test_bodies_that_cannot_be_rescaled_are_refused() -> None:

@@ -22,7 +22,6 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.job import Job, JobError
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
     BEYOND,
     EARLY,
@@ -402,7 +401,7 @@ def test_hips_and_bodies_are_where_they_are_put(kind: WaistQuadruped, heights: d
     q = np.r_[0.1, 0.2, 0.3, 0.9, 0.1, -0.3, 0.2, np.random.default_rng(4).normal(0.0, 0.5, 9)]
     q[3:7] /= np.linalg.norm(q[3:7])
     found, _ = scalars(kind, **fields).mechanics.feet(jnp.asarray(q), jnp.zeros(15))
-    page, drawn = varied(mjcf(), values), mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+    page, drawn = varied(mjcf(), values), mujoco.MjModel.from_xml_string(kind.mjcf(values))
     boxes = [drawn.geom_size[drawn.body(name).geomadr[0]] for name in ("front", "rear")]
     wanted = [(values[f"{n}_length"], values[f"{n}_width"], values.get(f"{n}_height", 0.05)) for n in BODIES]
     np.testing.assert_allclose(2.0 * np.array(boxes), wanted, atol=1e-15)

@@ -82,6 +82,7 @@ def test_wave_speed_shows_measured_waves_on_the_theorys_curves() -> None:
         dots = np.concatenate([np.asarray(each.get_offsets()) for each in axes.collections])
         assert dots[:, 1] == pytest.approx([expected] * 2, abs=1e-6)
     rendered(figure)
+    assert plot.wave_speed(table.head(0), x="omega").axes[0].texts[0].get_text() == "no rows yet"
     with pytest.raises(plot.PlotError, match="two cycles"):
         plot.wave_speed(table.loc[table["t"] < 12.0], x="omega")
     both = table.assign(beta=0.8 + 0.0 * table["row"])

@@ -61,7 +61,7 @@ def test_drift_law_of_any_ends_is_drawn_over_the_drift() -> None:
     b = 0.2 * np.pi * 9.8 / (100.0 * 0.4)
     drifts = [0.9 * b / 9.0, 0.9 * b / 6.0]  # equal ends are left out
     assert np.asarray(law.get_xdata(), float) == pytest.approx(drifts, abs=1e-8)
-    with pytest.raises(plot.PlotError, match="no column of an end"):
+    with pytest.raises(plot.PlotError, match="kappa_1 and kappa_end, or a_1 and a_end"):
         plot.drift_law(rows.drop(columns=["kappa_1", "a_end"]), of="ends")
     with pytest.raises(plot.PlotError, match="one of m, kappa, a, ends"):
         plot.drift_law(rows, of="springs")

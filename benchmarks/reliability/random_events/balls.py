@@ -189,10 +189,10 @@ def _draw_shaken(random: np.random.Generator) -> Case:
             "phi_0": float(random.uniform(0.0, 2.0 * np.pi)),
         }
         case = Case(values, gs.ReturnMap(crossings=3))
-        found = _shaken(case).columns
+        reference = _shaken(case).columns
         # landings so gentle that the next may be missed by the look of either side are another family's
-        floor_speed = values["size"] * omega * np.cos(found["phi_n"])
-        if np.all(found["v_n"] - floor_speed > 0.3):
+        floor_speed = values["size"] * omega * np.cos(reference["phi_n"])
+        if np.all(reference["v_n"] - floor_speed > 0.3):
             return case
 
 
@@ -245,7 +245,7 @@ class Box(DeclaredModel):
 
 def _reflected(low: float, high: float, rest: float, x: float, v: float, times: np.ndarray) -> np.ndarray:
     """Place and speed (2, n) after these times of a ball between two walls."""
-    found, t = [], 0.0
+    impacts, t = [], 0.0
     for until in times:
         while True:
             wall = high if v > 0 else low
@@ -253,8 +253,8 @@ def _reflected(low: float, high: float, rest: float, x: float, v: float, times: 
             if t + reach > until:
                 break
             t, x, v = t + reach, wall, -rest * v
-        found.append((x + v * (until - t), v))
-    return np.array(found).T
+        impacts.append((x + v * (until - t), v))
+    return np.array(impacts).T
 
 
 def _box(case: Case) -> Solution:
@@ -283,10 +283,10 @@ def _draw_box(random: np.random.Generator) -> Case:
             values |= {f"low_{i}": low, f"high_{i}": high, f"x_{i}_0": wall - v * reach, f"v_{i}_0": v}
         inside = all(values[f"low_{i}"] < values[f"x_{i}_0"] < values[f"high_{i}"] for i in (1, 2, 3))
         case = Case(values, gs.ReturnMap(crossings=3))
-        found = _box(case).columns
+        reference = _box(case).columns
         # not at a wall when the clock strikes
         apart = min(
-            np.abs(found[f"x_{i}_n"] - values[f"{wall}_{i}"]).min()
+            np.abs(reference[f"x_{i}_n"] - values[f"{wall}_{i}"]).min()
             for i in (1, 2, 3)
             for wall in ("low", "high")
         )
@@ -419,11 +419,16 @@ def _draw_balls(random: np.random.Generator) -> Case:
             values[f"h_{i + 1}_0"] = float(heights[i % groups]) if moves else floor + 1.0
             values[f"v_{i + 1}_0"] = float(speeds[i % groups]) if moves else 0.0
         case = Case(values, gs.ReturnMap(crossings=2))
-        found = _balls(case).columns
-        h = np.stack([found[f"h_{i + 1}_n"] for i in range(m)])
-        v = np.stack([found[f"v_{i + 1}_n"] for i in range(m)])
+        reference = _balls(case).columns
+        h = np.stack([reference[f"h_{i + 1}_n"] for i in range(m)])
+        v = np.stack([reference[f"v_{i + 1}_n"] for i in range(m)])
         # no ball at the floor when the clock strikes, and none that hops very low
-        if np.size(found["t"]) == 2 and h.min() > floor + 0.02 and np.abs(v).max() < 6.0 and _lively(case):
+        if (
+            np.size(reference["t"]) == 2
+            and h.min() > floor + 0.02
+            and np.abs(v).max() < 6.0
+            and _lively(case)
+        ):
             return case
 
 
@@ -521,9 +526,9 @@ def _draw_cradle(random: np.random.Generator) -> Case:
         for i in range(CRADLE):
             values |= {f"x_{i + 1}_0": float(x[i]), f"v_{i + 1}_0": float(v[i])}
         case = Case(values, gs.ReturnMap(crossings=3), differentiable=not touching)
-        found = _cradle(case).columns
-        places = np.stack([found[f"x_{i + 1}_n"] for i in range(CRADLE)])
-        speeds = np.stack([found[f"v_{i + 1}_n"] for i in range(CRADLE)])
+        reference = _cradle(case).columns
+        places = np.stack([reference[f"x_{i + 1}_n"] for i in range(CRADLE)])
+        speeds = np.stack([reference[f"v_{i + 1}_n"] for i in range(CRADLE)])
         # no collision when the clock strikes, but balls that touch and are at rest
         apart = np.diff(places, axis=0) - width
         nearing = speeds[:-1] - speeds[1:]

@@ -114,8 +114,8 @@ class System:
     def _entering(self, state: State) -> np.ndarray:
         """The guards on whose surface the state is, and through which it moves."""
         soon = self.flow(state)(np.array([1e-6 * self.look]))
-        here = self.guards(state[None])[0]
-        return (np.abs(here) <= ON_SURFACE) & (self.guards(soon)[0] > np.abs(here))
+        now = self.guards(state[None])[0]
+        return (np.abs(now) <= ON_SURFACE) & (self.guards(soon)[0] > np.abs(now))
 
     def _next(self, state: State, resting: np.ndarray) -> tuple[float, State, np.ndarray]:
         """The time to the next event, the state before it and the guards that fire there."""

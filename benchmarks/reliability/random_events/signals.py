@@ -184,11 +184,11 @@ def _pulse(case: Case) -> Solution:
     p = case.values
     w = p["width"]
     gained = np.exp(-(2.0 - p["onset"] - w)) * -np.expm1(-w) / w
-    u, found = p["u_0"], []
+    u, pulses = p["u_0"], []
     for _ in range(case.run.crossings):
         u = np.exp(-2.0) * u + gained
-        found.append(u)
-    return Solution(COMPLETE, {"t": 2.0 * np.arange(1.0, len(found) + 1.0), "u_n": np.array(found)}, 2.0)
+        pulses.append(u)
+    return Solution(COMPLETE, {"t": 2.0 * np.arange(1.0, len(pulses) + 1.0), "u_n": np.array(pulses)}, 2.0)
 
 
 def _draw_pulse(random: np.random.Generator) -> Case:
@@ -400,10 +400,10 @@ def _wavy(case: Case) -> Solution:
 
 def _grazes(case: Case) -> float:
     """Smallest distance of x from the threshold, at one of its local maxima, before x meets it."""
-    p, found = case.values, _wavy(case).columns
+    p, reference = case.values, _wavy(case).columns
     closest = np.inf
     begun, phi, x = 0.0, p["phi_0"], p["x_0"]
-    for t in np.atleast_1d(found["t"]):
+    for t in np.atleast_1d(reference["t"]):
         passed = np.linspace(0.0, t - begun, 20001)
         height = x + p["speed"] * passed - 1.0 - p["size"] * np.sin(phi + p["omega"] * passed)
         top = (height[1:-1] > height[:-2]) & (height[1:-1] > height[2:])

@@ -102,9 +102,9 @@ def _draw_wheel(random: np.random.Generator) -> Case:
     while True:
         case = Case(_a_wheel(random), gs.ReturnMap(crossings=5))
         p = case.values
-        found = _wheel(case).columns
-        rates = np.concatenate([[p["rate_0"]], found["rate_n"]])
-        angles = np.concatenate([[p["theta_0"]], found["theta_n"]])
+        reference = _wheel(case).columns
+        rates = np.concatenate([[p["rate_0"]], reference["rate_n"]])
+        angles = np.concatenate([[p["theta_0"]], reference["theta_n"]])
         margins = [abs(_after_vaulting(p, r, a)) for r, a in zip(rates, angles, strict=True)]
         # never near the unstable equilibrium, nor so slow that the landings accumulate
         if min(margins) > 0.05 and np.abs(rates[1:]).min() > 0.15:

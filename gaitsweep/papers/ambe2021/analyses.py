@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from jaxtyping import Inexact
 
     from gaitsweep.papers.ambe2021.theory.chain import Chain
-    from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, LagRule
+    from gaitsweep.papers.ambe2021.theory.solution_sets import Branch
 
 app = typer.Typer()
 
@@ -133,9 +133,13 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
 
 def _theory_summary(N: int, omega: float, chain: Chain) -> str:
     """The solutions of a chain of N + 1 legs as text: the numbers of its line of solutions, then each set."""
+    from gaitsweep.papers.ambe2021.theory.conditions import existing_waves
     from gaitsweep.papers.ambe2021.theory.solution_sets import branches
 
     lines = [f"{name:42} {value:.6g}" for name, value in _numbers_of_line(N, omega, chain).items()]
+    if N > 2:
+        waves = [wave for wave, exists in existing_waves(N, chain).items() if exists]
+        lines.append(f"{'waves that are motions of the chain':42} {', '.join(waves) or 'none'}")
     lines += [
         "",
         "For each set of solutions: the range of its free relative phase (eqs. 19, 20, 25); then, at 0.45 of",
@@ -185,22 +189,19 @@ def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
     T_1, T_2 = order_sets(N, branch, s, chain)
     sets = [str(reset_set.number) for reset_set in reset_sets(N, branch, s, chain)]
     jumps_of_set = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
-    name = "direct wave" if branch.kind == "direct" else f"set {branch.kind}, k = {branch.k}"
+    # the free relative phase as the paper has it: psi_{k-1} on section k, or psi_N
+    low, high = float(rule.low), float(rule.high)
+    name, phase, section = f"set {branch.kind}, k = {branch.k}", branch.k - 1, branch.k
+    if branch.kind == "direct":
+        name, phase, section = "direct wave", N, N
+        low, high = 2 * math.pi - high, 2 * math.pi - low
     return [
-        f"{name}: {_free_phase(N, branch, rule)}",
+        f"{name}: psi_{phase} from {low:.6f} to {high:.6f} rad on section {section}",
         f"  touchdowns   {' '.join(map(str, touchdown_order(N, branch, s, chain)))}",
         f"  S            {' '.join(sets)}; T_1 = {_listed(T_1)}, T_2 = {_listed(T_2)}",
         f"  jumps        {', '.join(jumps_of_set) or 'none'}",
         f"  eigenvalues  {_counted(eigenvalues(linear_map(N, branch, s, chain)))}",
     ]
-
-
-def _free_phase(N: int, branch: Branch, rule: LagRule) -> str:
-    """The range of a set's free relative phase, as the paper has it: psi_{k-1} on section k, or psi_N."""
-    low, high = float(rule.low), float(rule.high)
-    if branch.kind == "direct":
-        return f"psi_{N} from {2 * math.pi - high:.6f} to {2 * math.pi - low:.6f} rad on section {N}"
-    return f"psi_{branch.k - 1} from {low:.6f} to {high:.6f} rad on section {branch.k}"
 
 
 def _listed(legs: frozenset[int]) -> str:

@@ -22,6 +22,9 @@ from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS, SPRINGS
 from gaitsweep.papers.ambe2021.multilegged.state import State
 from gaitsweep.papers.ambe2021.theory.chain import Chain, masses, springs
 
+Legs = Float[np.ndarray, " legs"]
+Phases = Float[np.ndarray, "*phases"]
+
 # A touchdown of leg 1 counts from this phase (rad) on: its leg is nearly as long as in its stance.
 NEARLY_LONG = 1.8 * np.pi
 # The time over which the phase gain is measured, in time constants tau of the phase's recovery.
@@ -74,9 +77,7 @@ def _arrays(values: Mapping[str, float]) -> dict[str, jax.Array]:
     return {name: jnp.asarray(value) for name, value in values.items()}
 
 
-def _printed_leg(
-    phi: Float[np.ndarray, "*phases"], values: Mapping[str, float]
-) -> tuple[Float[np.ndarray, "*phases"], Float[np.ndarray, "*phases"]]:
+def _printed_leg(phi: Phases, values: Mapping[str, float]) -> tuple[Phases, Phases]:
     """Leg lengths (m) and their derivative by the phase (m/rad), eq. (3)."""
     beta, slope = values["beta"], values["a"] / ((1 - values["beta"]) * np.pi)
     takeoff, landing = phi - 2 * beta * np.pi, 2 * np.pi - phi
@@ -86,13 +87,8 @@ def _printed_leg(
 
 
 def _printed_acceleration(
-    x: Float[np.ndarray, " legs"],
-    v: Float[np.ndarray, " legs"],
-    length: Float[np.ndarray, " legs"],
-    rate: Float[np.ndarray, " legs"],
-    p: Bool[np.ndarray, " legs"],
-    values: Mapping[str, float],
-) -> Float[np.ndarray, " legs"]:
+    x: Legs, v: Legs, length: Legs, rate: Legs, p: Bool[np.ndarray, " legs"], values: Mapping[str, float]
+) -> Legs:
     """Accelerations (m/s2) of the masses, eq. (1).
 
     Args:
@@ -163,15 +159,13 @@ def force_balance_error() -> float:
     """Largest residual of the force balance, eq. (8), of heights and loads at random leg lengths (N)."""
     values = chain_defaults()
     random = np.random.default_rng(1)
-    N = SPRINGS
-    legs = N + 1
     chain = Chain(**{name: values[name] for name in Chain._fields})
-    mass = np.asarray(masses(N, chain))
-    heights = _equilibrium(N, chain)
+    mass = np.asarray(masses(SPRINGS, chain))
+    solve = _equilibrium(SPRINGS, chain)
     largest = 0.0
     for _ in range(50):
-        length = values["L"] - random.uniform(0.0, values["a"], legs)
-        x, load = (np.asarray(solved)[0] for solved in heights(length[None]))
+        length = values["L"] - random.uniform(0.0, values["a"], SPRINGS + 1)
+        x, load = (np.asarray(solved)[0] for solved in solve(length[None]))
         pull = values["kappa"] * np.diff(x)
         sides = np.append(pull, 0.0) - np.append(0.0, pull) + load - mass * values["g"]
         in_the_air = np.where(x > length + 1e-12, np.abs(load), 0.0)
@@ -183,13 +177,8 @@ def _equilibrium(
     N: int, chain: Chain
 ) -> Callable[[Float[np.ndarray, "states legs"]], tuple[jax.Array, jax.Array]]:
     """Heights (m) and loads (N) of a chain with N springs from its leg lengths (n, N+1), by eq. (8)."""
-    kappa, mass = springs(N, chain), masses(N, chain)
-    g = jnp.asarray(chain.g)
-
-    def heights_and_loads(length: Float[Array, " legs"]) -> tuple[jax.Array, jax.Array]:
-        return obstacle_problem(length, mass, kappa, g)
-
-    return jax.jit(jax.vmap(heights_and_loads))
+    kappa, mass, g = springs(N, chain), masses(N, chain), jnp.asarray(chain.g)
+    return jax.jit(jax.vmap(lambda length: obstacle_problem(length, mass, kappa, g)))
 
 
 @measure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -43,9 +43,7 @@ from gaitsweep.papers.ambe2021.theory.order import (
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     Kind,
-    LagRule,
     branches,
-    lag_rules,
     places,
     rule_of,
     solution,
@@ -61,20 +59,13 @@ _LONG = 9  # springs of the longer chain of the paper
 def _sets(N: int) -> list[tuple[Branch, float]]:
     """Each set of a chain at a few free phases."""
     pairs = itertools.product(branches(N), _INSIDE)
-    return [(branch, _at(N, branch, share).s) for branch, share in pairs]
+    return [(branch, _free_phase(N, branch, share)) for branch, share in pairs]
 
 
-class _Solution(NamedTuple):
-    """One solution: its set's lag rule, and the free phase s, rad."""
-
-    rule: LagRule
-    s: float
-
-
-def _at(N: int, branch: Branch, share: float = _SHARE) -> _Solution:
-    """The solution at a share of a set's range."""
+def _free_phase(N: int, branch: Branch, share: float = _SHARE) -> float:
+    """The free phase s (rad) at a share of a set's range."""
     rule = rule_of(N, branch, Chain())
-    return _Solution(rule, float(rule.low + share * (rule.high - rule.low)))
+    return float(rule.low + share * (rule.high - rule.low))
 
 
 @measure
@@ -92,9 +83,15 @@ def set_phase(*, kind: Kind, k: int, link: int) -> float:
     Args:
         kind, k: the set, and its boundary leg.
         link: its number, 1 .. 9.
+
+    Raises:
+        ArgumentError: there is no link of this number.
     """
-    rule, s = _at(_LONG, Branch(kind, k))
-    return float(solution(rule, jnp.asarray(s), touchdown_phase(Chain()), k)[link - 1])
+    if not 1 <= link <= _LONG:
+        raise gs.ArgumentError(f"link is {link}, but the links of ten legs are 1 to {_LONG}.")
+    branch = Branch(kind, k)
+    s = jnp.asarray(_free_phase(_LONG, branch))
+    return float(solution(rule_of(_LONG, branch, Chain()), s, touchdown_phase(Chain()), k)[link - 1])
 
 
 @measure
@@ -131,7 +128,7 @@ def _reduced_map(N: int, psi: Float[np.ndarray, "points springs"]) -> tuple[gs.P
 def reduced_multipliers(*, kind: Kind, k: int) -> list[float]:
     """Eigenvalues of the simulated return map of the reduced chain at a solution, in falling order (1)."""
     branch = Branch(kind, k)
-    psi = _solution(SPRINGS, branch, _at(SPRINGS, branch).s, touchdown_phase(Chain()))
+    psi = _solution(SPRINGS, branch, _free_phase(SPRINGS, branch), touchdown_phase(Chain()))
     mapping, points = _reduced_map(SPRINGS, np.asarray(psi)[None])
     return _in_falling_order(mapping.multipliers(points))
 
@@ -145,7 +142,7 @@ def theory_eigenvalues(*, kind: Kind, k: int, N: int) -> list[float]:
         N: springs.
     """
     branch = Branch(kind, k)
-    return _in_falling_order(eigenvalues(linear_map(N, branch, _at(N, branch).s)))
+    return _in_falling_order(eigenvalues(linear_map(N, branch, _free_phase(N, branch))))
 
 
 def _in_falling_order(values: Inexact[np.ndarray, " *points springs"]) -> list[float]:
@@ -156,11 +153,11 @@ def _in_falling_order(values: Inexact[np.ndarray, " *points springs"]) -> list[f
 @measure
 def linear_map_error(*, N: int) -> float:
     """Largest difference of the coefficients of det(lambda - P_k) from those of eqs. (22) and (26) (1)."""
-    largest = 0.0
-    for branch, s in _sets(N):
-        coefficients = characteristic_polynomial(linear_map(N, branch, s))
-        largest = max(largest, float(np.abs(coefficients - np.poly(multipliers(N, branch))).max()))
-    return largest
+    errors = [
+        characteristic_polynomial(linear_map(N, branch, s)) - np.poly(multipliers(N, branch))
+        for branch, s in _sets(N)
+    ]
+    return float(np.abs(errors).max())
 
 
 @measure
@@ -186,9 +183,8 @@ def order_sets_agree(*, N: int = _LONG) -> float:
     for branch, s in _sets(N):
         sets = reset_sets(N, branch, s)
         alone = {i for i, reset_set in enumerate(sets, 1) if not reset_set.front and not reset_set.rear}
-        first = {i for i in alone if i <= branch.k - 2}
-        last = {i for i in alone if i >= branch.k + 2}
-        agree.append(order_sets(N, branch, s) == (frozenset(first), frozenset(last)))
+        first, last = {i for i in alone if i <= branch.k - 2}, {i for i in alone if i >= branch.k + 2}
+        agree.append(order_sets(N, branch, s) == (first, last))
     return float(np.mean(agree))
 
 
@@ -196,28 +192,16 @@ def order_sets_agree(*, N: int = _LONG) -> float:
 def chain_of_sets(table: pd.DataFrame) -> float:
     """Largest gap between the end of a set and the beginning of the next in the chain of sets (rad)."""
     chain = chain_of(table)
-    rules = lag_rules(springs_of(table), chain)
+    N = springs_of(table)
+    rules = [rule_of(N, branch, chain) for branch in branches(N)]
+    ends_of_sets = [[np.asarray(places(rule, s)) for s in (rule.low, rule.high)] for rule in rules]
     circle = float(touchdown_phase(chain))
     gaps = []
-    for i in range(len(rules.low) - 1):
-        ends = _ends_of_rule(rules, i)
-        starts = _ends_of_rule(rules, i + 1)
+    for ends, next_ends in itertools.pairwise(ends_of_sets):
         # of either set either end may be the common one
-        gaps.append(min(_distance_on_circle(a, b, circle) for a, b in itertools.product(ends, starts)))
+        apart = [one - other for one, other in itertools.product(ends, next_ends)]
+        gaps.append(np.abs((np.array(apart) + circle / 2) % circle - circle / 2).max(axis=1).min())
     return float(max(gaps))
-
-
-def _ends_of_rule(rules: LagRule, number: int) -> list[Float[np.ndarray, " legs"]]:
-    """The places of the legs (rad) at both ends of one of several sets."""
-    rule = LagRule(*(column[number] for column in rules))
-    return [np.asarray(places(rule, s)) for s in (rule.low, rule.high)]
-
-
-def _distance_on_circle(
-    one: Float[np.ndarray, " legs"], other: Float[np.ndarray, " legs"], circle: float
-) -> float:
-    """Largest distance of places on a circle (rad)."""
-    return float(np.abs((one - other + circle / 2) % circle - circle / 2).max())
 
 
 @measure
@@ -231,23 +215,17 @@ def jump_sizes(table: pd.DataFrame) -> list[float]:
     """Smallest and largest size of the jumps of all sets on their own sections (rad)."""
     N = springs_of(table)
     chain = chain_of(table)
-    sizes = [np.abs(jump.change).max() for branch in branches(N) for jump in jumps(N, branch, chain)]
+    sizes = [float(np.abs(jump.change).max()) for branch in branches(N) for jump in jumps(N, branch, chain)]
     if not sizes:
         raise MeasureError(f"The sets of a chain of {N + 1} legs have no jumps.")
-    return [float(min(sizes)), float(max(sizes))]
+    return [min(sizes), max(sizes)]
 
 
 @measure
 def wave_numbers(*, which: Literal["wavelength", "printed", "exact", "lag"]) -> float:
     """The theory's wavelength (legs), speed printed or exact (legs/s), or lag (rad)."""
-    speeds = wave_speed(chain_defaults()["omega"])
-    results = {
-        "wavelength": wavelength(),
-        "printed": speeds.printed,
-        "exact": speeds.exact,
-        "lag": lag(Chain()),
-    }
-    return float(results[which])
+    speeds = wave_speed(chain_defaults()["omega"])._asdict()
+    return float({"wavelength": wavelength(), "lag": lag(Chain()), **speeds}[which])
 
 
 @measure
@@ -273,9 +251,8 @@ def slopes_of_fig10(table: pd.DataFrame, *, k: int) -> list[float]:
     """Slopes of psi_k over psi_{k-1} along the solution sets A and B (1)."""
     slopes = []
     chain = chain_of(table)
-    kinds: tuple[Kind, Kind] = ("A", "B")
-    for kind in kinds:
-        rule = rule_of(springs_of(table), Branch(kind, k), chain)
+    for branch in (Branch("A", k), Branch("B", k)):
+        rule = rule_of(springs_of(table), branch, chain)
         places_in_range = [rule.low + share * (rule.high - rule.low) for share in (0.6, 0.8)]
         low, high = (np.asarray(solution(rule, s, touchdown_phase(chain), k)) for s in places_in_range)
         slopes.append(float((high[k - 1] - low[k - 1]) / (high[k - 2] - low[k - 2])))

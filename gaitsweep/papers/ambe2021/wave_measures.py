@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep import ArgumentError
-from gaitsweep.analyses import wrapped_difference
-from gaitsweep.claims import Condition, masked, measure, numbers, one_row, records
+from gaitsweep.analyses import require, wrapped_difference
+from gaitsweep.claims import Condition, MeasureError, measure, numbers, one_row, records, value
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import passages, source_drift, source_place, waves
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
@@ -42,13 +42,20 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
         links: numbers of the links between legs, from 1 on; by default all.
 
     Raises:
-        ArgumentError: there is no link of a number.
+        ArgumentError: the chain does not have a link.
     """
     phases = passages(one_row(table, row)).leads * constants_of(table, ["omega"])["omega"]
-    for link in links or ():
-        if not 1 <= link <= len(phases):
-            raise ArgumentError(f"links has {link}, but the links between legs are 1 to {len(phases)}.")
-    return phases.tolist() if links is None else [float(phases[link - 1]) for link in links]
+    if links is not None:
+        phases = phases[_places("links", links, len(phases))]
+    return phases.tolist()
+
+
+def _places(argument: str, numbers_from_1: Sequence[int], count: int) -> list[int]:
+    """The indices of legs or links with these numbers; refuses a number that none of them has."""
+    for number in numbers_from_1:
+        if not 1 <= number <= count:
+            raise ArgumentError(f"{argument} has {number}, but the chain has {argument} 1 to {count}.")
+    return [number - 1 for number in numbers_from_1]
 
 
 @measure
@@ -80,14 +87,14 @@ def one_swing_share(table: pd.DataFrame, *, row: int, of: Sequence[int]) -> floa
         of: legs that follow one another in a wave; a wavelength is the next smaller whole number of legs.
 
     Raises:
-        ArgumentError: the chain has a profile, so that its waves have no wavelength.
+        ArgumentError: the chain does not have a leg, or has a profile, so that its waves have no wavelength.
     """
     part = one_row(table, row)
     width = int(wavelength(chain_of(table, part)))
     # a foot may leave the ground for a moment after its touchdown: this is part of the stance
     takeoff = 2 * constants_of(part, ["beta"])["beta"] * np.pi
     in_air = (of_legs(part, "contact") < 0.5) & (of_legs(part, "phase") > takeoff)
-    in_air = in_air[:, np.asarray(of) - 1]
+    in_air = in_air[:, _places("legs", of, in_air.shape[1])]
     starts = range(max(1, len(of) - width + 1))
     return float(min((in_air[:, i : i + width].sum(axis=1) <= 1).mean() for i in starts))
 
@@ -109,8 +116,12 @@ def worst_ratio(table: pd.DataFrame, *, column: str, over: str, where: Condition
 @measure
 def smallest_rise(table: pd.DataFrame, *, column: str) -> float:
     """Smallest rise of a column of measured waves from one duty factor to the next, in its unit."""
-    means = waves(table).groupby("beta")[[column]].mean()
-    return float(np.diff(numbers(pd.DataFrame(means), column)).min())
+    measured = waves(table)
+    require(measured, "beta", column)
+    rises = np.diff(numbers(pd.DataFrame(measured.groupby("beta")[[column]].mean()), column))
+    if not rises.size:
+        raise MeasureError("A rise needs two duty factors at least.")
+    return float(rises.min())
 
 
 @measure
@@ -121,6 +132,9 @@ def simulated_order(table: pd.DataFrame, *, row: int, legs: Sequence[int]) -> st
         table: a trace.
         row: its row.
         legs: numbers of the legs.
+
+    Raises:
+        ArgumentError: the chain does not have a leg.
     """
     return " ".join(map(str, _order(table, row, legs)))
 
@@ -129,8 +143,9 @@ def _order(table: pd.DataFrame, row: int, legs: Sequence[int]) -> list[int]:
     """Legs in their order of passing mid-stance after the first of them."""
     swings = passages(one_row(table, row))
     behind = np.mod(-np.append(0.0, np.cumsum(swings.leads)), swings.period)  # of leg 1, s
-    after = {leg: np.mod(behind[leg - 1] - behind[legs[0] - 1] + 1e-9, swings.period) for leg in legs}
-    return sorted(legs, key=after.__getitem__)
+    behind = behind[_places("legs", legs, len(behind))]
+    after = np.mod(behind - behind[0] + 1e-9, swings.period)
+    return [legs[i] for i in np.argsort(after, kind="stable")]
 
 
 @measure
@@ -148,6 +163,9 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
         table: a trace.
         row: its row.
         k: the leg at the boundary of the source wave.
+
+    Raises:
+        MeasureError: no leg touches down.
     """
     part = one_row(table, row)
     N = springs_of(table)
@@ -161,6 +179,8 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
         lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
         expected = _segments_of_neighbours(leg, N, k)
         agree += [all(segment[at, j - 1] in allowed for j, allowed in expected.items()) for at in lands]
+    if not agree:
+        raise MeasureError(f"No leg of row {row} touches down in the recorded time.")
     return float(np.mean(agree))
 
 
@@ -172,10 +192,8 @@ def _segments_of_neighbours(leg: int, N: int, k: int) -> dict[int, set[int]]:
         N: springs.
         k: the leg at the boundary of the source wave.
     """
-    if leg == 1:
-        return {2: {STANCE}}
-    if leg == N + 1:
-        return {N: {STANCE}}
+    if leg in (1, N + 1):
+        return {2 if leg == 1 else N: {STANCE}}
     if leg < k:
         return {leg - 1: {TAKEOFF}, leg + 1: {STANCE}}
     if leg == k:
@@ -187,7 +205,7 @@ def _segments_of_neighbours(leg: int, N: int, k: int) -> dict[int, set[int]]:
 def touchdown_phases_apart(table: pd.DataFrame) -> float:
     """Largest difference of the legs' times from one passage of mid-stance to the next, times omega (rad)."""
     periods = []
-    for _, part in table.groupby("row"):
+    for _, part in records(table, None).groupby("row"):
         part = part.sort_values(by="t")
         for leg in range(1, springs_of(table) + 2):
             # the period of `passages` is the mean over all legs of a table
@@ -256,8 +274,7 @@ def meeting_share(table: pd.DataFrame, *, leg: int, where: Condition | None = No
         leg: the leg's number.
         where: a condition over the table's columns.
     """
-    places = source_place(records(table, where))
-    return float(numbers(masked(places, places["leg"] == leg), "meeting").min())
+    return value(source_place(records(table, where)), column="meeting", where=f"leg == {leg}", take="min")
 
 
 @measure

@@ -10,9 +10,8 @@ MuJoCo, which shares nothing with gaitsweep's equations of motion but the descri
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Iterator
-from functools import cache
 from typing import Any, Literal
 
 import jax
@@ -26,12 +25,14 @@ from gaitsweep.analyses import TURN
 from gaitsweep.claims import defaults, measure
 from gaitsweep.dynamics.tree import PointForce, movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
-from gaitsweep.papers.aoi2011.waist_quadruped.drawing import scaled_mjcf
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, LATE, WAIST
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import after_events, phase_rates, transitions
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
+
+Positions = Float[Array, " 16"]
+Velocities = Float[Array, " 15"]
 
 MODEL = WaistQuadruped()
 STATES = 20  # random states at which an equation is tested
@@ -102,12 +103,10 @@ def torque_error(*, joints: Literal["waist", "limbs"]) -> float:
     """Largest difference (N m) of the torques of the `waist`, eq. (A6), or the `limbs`, eq. (4)."""
     m = _params().mechanics
     # of each joint: its place in q, the desired angle, the spring and the damper
-    driven = [(WAIST, 0.0, m.kappa_w, m.sigma_w)]
-    if joints == "limbs":
-        driven = []
-        for i in LIMBS:
-            hip, knee = _angles_by_cosines(FOOT_X, FOOT_Z, float(m.link_length), float(m.bends[i]))
-            driven += [(HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)]
+    driven = [(WAIST, 0.0, m.kappa_w, m.sigma_w)] if joints == "waist" else []
+    for i in LIMBS if joints == "limbs" else ():
+        hip, knee = _angles_by_cosines(FOOT_X, FOOT_Z, float(m.link_length), float(m.bends[i]))
+        driven += [(HIP[i], hip, m.kappa_1, m.sigma_1), (KNEE[i], knee, m.kappa_2, m.sigma_2)]
     worst = 0.0
     for q, v in _moments():
         tau = np.asarray(m.torques(jnp.asarray(q), jnp.asarray(v), jnp.full(4, FOOT_X), jnp.full(4, FOOT_Z)))
@@ -120,10 +119,9 @@ def torque_error(*, joints: Literal["waist", "limbs"]) -> float:
 @measure
 def ground_force_error() -> float:
     """Largest difference (N) of the force on a foot from eq. (A8), in contact and off the ground."""
-    p = _params()
+    m = _params().mechanics
     rng = np.random.default_rng(3)
     worst = 0.0
-    m = p.mechanics
     for _ in range(STATES):
         at, speed = rng.normal(0.0, 1e-3, (4, 3)), rng.normal(0.0, 0.1, (4, 3))
         anchor = rng.normal(0.0, 1e-3, (4, 2))
@@ -163,60 +161,39 @@ def mechanics_error(*, of: Literal["kinetic_energy", "feet", "accelerations"]) -
 
     Eq. (A3), (A7), (1). Accelerations are those under gravity, joint torques and forces on the feet.
     """
-    model = mujoco.MjModel.from_xml_string(scaled_mjcf(_defaults()))
-    pairs = {"kinetic_energy": _energies, "feet": _feet, "accelerations": _accelerations}[of]
-    return max(
-        _largest(computed, expected) / _largest(expected, 0.0)
-        for computed, expected in pairs(_params().mechanics, model)
-    )
-
-
-def _energies(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
-    """The kinetic energies at the random moments, by the model and by MuJoCo, J."""
+    m = _params().mechanics
+    functions = {"kinetic_energy": _kinetic_energy, "feet": _feet, "accelerations": _accelerations}
+    compute = jax.jit(functions[of])
+    model = mujoco.MjModel.from_xml_string(MODEL.mjcf(_defaults()))
     data = mujoco.MjData(model)
-    energy = jax.jit(_kinetic_energy)
-    for q, v in _moments():
-        data.qpos, data.qvel = q, v
-        mujoco.mj_forward(model, data)
-        mujoco.mj_energyVel(model, data)
-        yield energy(m, q, v), data.energy[1]
-
-
-def _feet(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
-    """The positions of the feet at the random moments, by the model and by MuJoCo, (4, 3) m."""
-    data = mujoco.MjData(model)
-    feet = jax.jit(WaistMechanics.feet)
-    for q, v in _moments():
-        data.qpos, data.qvel = q, v
-        mujoco.mj_forward(model, data)
-        yield feet(m, q, v)[0], np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
-
-
-def _accelerations(m: WaistMechanics, model: mujoco.MjModel) -> Iterator[tuple[Any, Any]]:
-    """The accelerations at the random moments under random forces, by the model and by MuJoCo, (15,)."""
-    data = mujoco.MjData(model)
-    accelerations = jax.jit(_accelerations_under_forces)
     rng = np.random.default_rng(5)
+    worst = 0.0
     for q, v in _moments():
-        data.qpos, data.qvel = q, v
         tau, forces = rng.normal(0.0, 1.0, 15), rng.normal(0.0, 10.0, (4, 3))
-        mujoco.mj_forward(model, data)
+        data.qpos, data.qvel = q, v
+        mujoco.mj_forward(model, data)  # before the Jacobians
         data.qfrc_applied = tau
         for i in LIMBS:
             jacobian = np.zeros((3, model.nv))
             mujoco.mj_jacSite(model, data, jacobian, None, data.site(f"foot_{i + 1}").id)
             data.qfrc_applied += jacobian.T @ forces[i]
         mujoco.mj_forward(model, data)
-        yield accelerations(m, q, v, tau, forces), data.qacc
+        mujoco.mj_energyVel(model, data)
+        feet = np.stack([data.site(f"foot_{i + 1}").xpos for i in LIMBS])
+        expected = {"kinetic_energy": data.energy[1], "feet": feet, "accelerations": data.qacc}[of]
+        pushed = (tau, forces) if of == "accelerations" else ()
+        worst = max(worst, _largest(compute(m, q, v, *pushed), expected) / _largest(expected, 0.0))
+    return worst
 
 
-def _accelerations_under_forces(
-    m: WaistMechanics,
-    q: Float[Array, " 16"],
-    v: Float[Array, " 15"],
-    tau: Float[Array, " 15"],
-    forces: Float[Array, "4 3"],
-) -> Float[Array, " 15"]:
+def _feet(m: WaistMechanics, q: Positions, v: Velocities) -> Float[Array, "4 3"]:
+    """The positions of the feet, m."""
+    return m.feet(q, v)[0]
+
+
+def _accelerations(
+    m: WaistMechanics, q: Positions, v: Velocities, tau: Velocities, forces: Float[Array, "4 3"]
+) -> Velocities:
     """The model's accelerations for torques of the joints and forces (N) on the feet."""
     tree, _ = body()
     foot = jnp.stack([0.0 * m.link_length, 0.0 * m.link_length, -m.link_length])
@@ -224,7 +201,7 @@ def _accelerations_under_forces(
     return m.accelerations(q, v, tau, pushes)
 
 
-def _kinetic_energy(m: WaistMechanics, q: Float[Array, " 16"], v: Float[Array, " 15"]) -> Float[Array, ""]:
+def _kinetic_energy(m: WaistMechanics, q: Positions, v: Velocities) -> Float[Array, ""]:
     """The kinetic energy of the bodies and links, J."""
     geometry = m.geometry()
     placed = places(body()[0], geometry, q)
@@ -242,7 +219,7 @@ def _largest(computed: Any, expected: Any) -> float:
     return float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
 
 
-@cache
+@functools.cache
 def _defaults() -> dict[str, float]:
     """The model's default parameters by name."""
     return defaults(MODEL.parameters)
@@ -256,11 +233,11 @@ def _params(**changed: float) -> Params:
 
 def _state(**changed: Any) -> State:
     """A state that is zero except for the given values."""
-    zeros = {field.name: jnp.zeros(()) for field in dataclasses.fields(State)}
-    zeros |= {name: jnp.zeros(4) for name in ("landing_x", "landing_z", "height", "gain")}
-    zeros |= {"q": jnp.zeros(16), "v": jnp.zeros(15)}
-    flags = {"contact": jnp.zeros(4, bool), "lifted": jnp.zeros(4, bool), "segment": jnp.zeros(4, int)}
-    return State(**{**zeros, **flags, **changed})
+    fields = {field.name: jnp.zeros(()) for field in dataclasses.fields(State)}
+    fields |= dict.fromkeys(("landing_x", "landing_z", "height", "gain"), jnp.zeros(4))
+    fields |= {"q": jnp.zeros(16), "v": jnp.zeros(15), "segment": jnp.zeros(4, int)}
+    fields |= dict.fromkeys(("contact", "lifted"), jnp.zeros(4, bool))
+    return State(**fields | changed)
 
 
 def _moments() -> list[tuple[Float[np.ndarray, 16], Float[np.ndarray, 15]]]:

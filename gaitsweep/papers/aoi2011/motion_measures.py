@@ -86,13 +86,11 @@ def difference_of_gaits(
         AnalysisError: a gait is missing.
     """
     holds = records(other, where)
-    require(table, "gait", f"{observable}_end")
-    require(holds, "gait", f"{observable}_n")
+    require(table, "gait")
+    require(holds, "gait")
 
     def median(part: pd.DataFrame, gait: str, column: str) -> float:
-        angles = part.loc[part["gait"] == gait, column].dropna().to_numpy(float)
-        if not angles.size:
-            raise AnalysisError(f"No record with the gait {gait} has a value of {column}.")
+        angles = _present(masked(part, part["gait"] == gait), column, f"No record with the gait {gait}")
         middle = mean_direction(angles)
         return float(np.median(middle + wrapped_difference(angles - middle)))
 
@@ -117,12 +115,17 @@ def farthest_angle(
     Raises:
         AnalysisError: no record has a value.
     """
-    part = records(table, where)
-    require(part, column)
-    angles = part[column].dropna().to_numpy(float)
-    if not angles.size:
-        raise AnalysisError(f"No record has a value of {column}.")
+    angles = _present(records(table, where), column, "No record")
     return float(np.abs(wrapped_difference(angles - centre)).max())
+
+
+def _present(table: pd.DataFrame, column: str, subject: str) -> Float[np.ndarray, " values"]:
+    """The values of a column that are not missing; without any the error says of what by `subject`."""
+    values = numbers(table, column)
+    values = values[~np.isnan(values)]
+    if not values.size:
+        raise AnalysisError(f"{subject} has a value of {column}.")
+    return values
 
 
 @measure

@@ -18,7 +18,7 @@ from gaitsweep.analyses import (
     transition_points_by_gait,
     wrapped_difference,
 )
-from gaitsweep.claims import masked, measure, value
+from gaitsweep.claims import masked, measure, numbers, value
 
 Direction = Literal["rising", "falling"]
 
@@ -40,7 +40,7 @@ def transition_at(
         AnalysisError: no row jumps.
     """
     points = transition_points(table, observable, parameter, least)
-    return _middle_of_first(points, direction, f"No row jumps as {parameter} is {direction}.")
+    return _middles(points, direction, f"No row jumps as {parameter} is {direction}.")[0]
 
 
 @measure
@@ -57,18 +57,16 @@ def hysteresis_widths(
         AnalysisError: the observable does not jump in each direction.
     """
     points = transition_points(table, observable, parameter, by=[] if by is None else [by])
-    groups = [("", points)]
-    if by is not None:
-        values = sorted(table[by].dropna().unique())
-        groups = [(f" at {by} = {value}", masked(points, points[by] == value)) for value in values]
-    widths = []
-    for place, points_of_group in groups:
-        otherwise = f"The observable does not jump in each direction{place}."
-        rising, falling = (
-            _middle_of_first(points_of_group, direction, otherwise) for direction in get_args(Direction)
-        )
-        widths.append(rising - falling)
-    return widths
+
+    def width(group: pd.DataFrame, place: str) -> float:
+        otherwise = f"{observable} does not jump in each direction{place}."
+        rising, falling = (_middles(group, direction, otherwise)[0] for direction in get_args(Direction))
+        return rising - falling
+
+    if by is None:
+        return [width(points, "")]
+    values = sorted(table[by].dropna().unique())
+    return [width(masked(points, points[by] == value), f" at {by} = {value}") for value in values]
 
 
 @measure
@@ -90,17 +88,18 @@ def bistable_ranges(
     """
     require(table, "settled", parameter, f"{observable}_n", by)
     width_of_stair = _widths_of_stairs(table, parameter)
+
+    def differ(holds: pd.DataFrame) -> bool:
+        angles = numbers(holds, f"{observable}_n")
+        return bool(np.ptp(wrapped_difference(angles - angles[0])) > apart)
+
     lengths = []
     for group, holds in table.groupby(by, sort=True, observed=True):
         settled = masked(holds, holds["settled"].astype(bool))
         if settled.empty:
             raise AnalysisError(f"No hold settled at {by} = {group}.")
-        length = 0.0
-        for stair, holds_at_stair in settled.groupby(settled[parameter].round(9)):
-            angles = holds_at_stair[f"{observable}_n"].to_numpy(float)
-            if np.ptp(wrapped_difference(angles - angles[0])) > apart:
-                length += width_of_stair[stair]
-        lengths.append(length)
+        stairs = settled.groupby(settled[parameter].round(9))
+        lengths.append(float(sum(width_of_stair[stair] for stair, part in stairs if differ(part))))
     return lengths
 
 
@@ -136,11 +135,11 @@ def gait_lost_at(
     """
     points = transition_points_by_gait(table, parameter, start)
     losses = masked(points, points["gait"] == gait)
-    return _middle_of_first(losses, direction, f"The gait {gait} is not lost as {parameter} is {direction}.")
+    return _middles(losses, direction, f"The gait {gait} is not lost as {parameter} is {direction}.")[0]
 
 
-def _middle_of_first(points: pd.DataFrame, direction: Direction, otherwise: str) -> float:
-    """The middle of the first interval in a direction.
+def _middles(points: pd.DataFrame, direction: Direction, otherwise: str) -> list[float]:
+    """The middles of the intervals in a direction.
 
     Raises:
         AnalysisError: there is none; `otherwise` is its sentence.
@@ -148,7 +147,7 @@ def _middle_of_first(points: pd.DataFrame, direction: Direction, otherwise: str)
     intervals = masked(points, points["direction"] == direction)
     if intervals.empty:
         raise AnalysisError(otherwise)
-    return float((intervals["low"].iloc[0] + intervals["high"].iloc[0]) / 2.0)
+    return ((numbers(intervals, "low") + numbers(intervals, "high")) / 2.0).tolist()
 
 
 @measure
@@ -207,10 +206,8 @@ def least_change_of_transition(
     for table, column in zip(tables, by, strict=True):
         points = transition_points(table, observable, parameter, by=[column])
         for direction in get_args(Direction):
-            intervals = masked(points, points["direction"] == direction)
-            if intervals.empty:
-                raise AnalysisError(f"{observable} does not jump as {parameter} is {direction}.")
-            ranges.append(float(np.ptp((intervals["low"] + intervals["high"]) / 2.0)))
+            otherwise = f"{observable} does not jump as {parameter} is {direction}."
+            ranges.append(float(np.ptp(_middles(points, direction, otherwise))))
     return min(ranges)
 
 

@@ -24,7 +24,6 @@ from gaitsweep.claims import (
     stances,
     value,
 )
-from gaitsweep.claims import value as median_of
 from gaitsweep.dynamics.matsuoka import EXTENSOR, FLEXOR, leg_feedback
 from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import body_oscillation
@@ -186,7 +185,7 @@ def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition,
         column: its column.
         where, less: the two conditions.
     """
-    return median_of(table, column=column, where=where) - median_of(table, column=column, where=less)
+    return value(table, column=column, where=where) - value(table, column=column, where=less)
 
 
 @measure
@@ -198,21 +197,20 @@ def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> floa
 
 @measure
 def largest_deviation(
-    table: pd.DataFrame, *, column: str, value: float, where: Condition | None = None
+    table: pd.DataFrame, *, column: str, centre: float, where: Condition | None = None
 ) -> float:
-    """Largest distance of a column from a value (its unit).
+    """Largest distance of a column from a centre (its unit).
 
     Args:
         table: any table.
         column: its column.
-        value: in the column's unit.
+        centre: in the column's unit.
         where: a condition that selects records.
 
     Raises:
         MeasureError: no record has a number in the column.
     """
-    require(table, column)
-    deviations = np.abs(numbers(records(table, where), column) - value)
+    deviations = np.abs(numbers(records(table, where), column) - centre)
     if np.all(np.isnan(deviations)):
         raise MeasureError(f"No record has a number in the column {column}.")
     return float(np.nanmax(deviations))
@@ -360,74 +358,74 @@ def _order(phases: dict[str, float]) -> str:
 
 
 @measure
-def rule_agreement(table: pd.DataFrame, *, measure: str, where: Condition | None = None) -> float:
+def rule_agreement(table: pd.DataFrame, *, quantity: str, where: Condition | None = None) -> float:
     """Share of the pairs whose load or pitch has the sign of the rule (1).
 
     Args:
         table: as for `pairs_in`.
-        measure: one of `MEASURES`.
+        quantity: one of `MEASURES`.
         where: a condition that selects records.
     """
-    return _right(loading_rule(records(table, where)), measure)
+    return _right(loading_rule(records(table, where)), quantity)
 
 
 @measure
-def foretold(table: pd.DataFrame, *, measure: str) -> float:
+def foretold(table: pd.DataFrame, *, quantity: str) -> float:
     """Share of walks with the sign that a load or pitch of the trot without feedback foretells (1).
 
     Args:
         table: as for `load_prediction`.
-        measure: one of `MEASURES`.
+        quantity: one of `MEASURES`.
     """
-    return _right(loading_rule(load_prediction(table)), measure)
+    return _right(loading_rule(load_prediction(table)), quantity)
 
 
-def _right(judged: pd.DataFrame, measure: str) -> float:
-    """The share of right signs of one measure in a result of `loading_rule`; refuses one that it lacks."""
-    of_measure = masked(judged, judged["measure"] == measure)
+def _right(judged: pd.DataFrame, quantity: str) -> float:
+    """The share of right signs of one quantity in a result of `loading_rule`; refuses one that it lacks."""
+    of_measure = masked(judged, judged["measure"] == quantity)
     if of_measure.empty:
         known = judged["measure"].astype(str).unique()
-        raise MeasureError(f"The loading rule has no measure {measure}{suggestion(measure, known)}")
+        raise MeasureError(f"The loading rule has no measure {quantity}{suggestion(quantity, known)}")
     return value(of_measure, column="right")
 
 
 @measure
-def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], measure: str) -> float:
+def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], quantity: str) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait.
 
     Args:
         table: as for `pairs_in`.
         gait: one of the nine.
         pair: 1 (RF and LH) or 2 (LF and RH).
-        measure: a column of `pairs_in`.
+        quantity: a column of `pairs_in`.
     """
     of_gait = records_of_gait(pairs_in(table), gait)
-    return value(of_gait, column=measure, where=f"pair_number == {pair}", take="mean")
+    return value(of_gait, column=quantity, where=f"pair_number == {pair}", take="mean")
 
 
 @measure
-def pairs_measure(table: pd.DataFrame, *, gait: str, measure: str) -> list[float]:
+def pairs_measure(table: pd.DataFrame, *, gait: str, quantity: str) -> list[float]:
     """The `pair_measure` of each of the two pairs."""
-    first = pair_measure(table, gait=gait, pair=1, measure=measure)
-    return [first, pair_measure(table, gait=gait, pair=2, measure=measure)]
+    first = pair_measure(table, gait=gait, pair=1, quantity=quantity)
+    return [first, pair_measure(table, gait=gait, pair=2, quantity=quantity)]
 
 
 @measure
 def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
     """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
     pitch_range = float(np.mean([np.ptp(numbers(part, "pitch")) for part in rows_of_gait(table, gait)]))
-    return [tilt / pitch_range for tilt in pairs_measure(table, gait=gait, measure="tilt_late")]
+    return [tilt / pitch_range for tilt in pairs_measure(table, gait=gait, quantity="tilt_late")]
 
 
 @measure
 def pair_ratio(
-    table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], to: Literal[1, 2], measure: str
+    table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], to: Literal[1, 2], quantity: str
 ) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1).
 
     Args:
-        table, gait, measure: as for `pair_measure`.
+        table, gait, quantity: as for `pair_measure`.
         pair, to: numbers of the two pairs.
     """
-    size = abs(pair_measure(table, gait=gait, pair=pair, measure=measure))
-    return size / abs(pair_measure(table, gait=gait, pair=to, measure=measure))
+    size = abs(pair_measure(table, gait=gait, pair=pair, quantity=quantity))
+    return size / abs(pair_measure(table, gait=gait, pair=to, quantity=quantity))

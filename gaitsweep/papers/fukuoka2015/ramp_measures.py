@@ -61,8 +61,7 @@ def share_up_and_down(table: pd.DataFrame, *, up: Sequence[str], down: Sequence[
         table: a ramp's table.
         up, down: names of gaits.
     """
-    rising = _sequences(table, "right", falling=False)
-    falling = _sequences(table, "right", falling=True)
+    rising, falling = (_sequences(records(table, None), "right", falling=falls) for falls in (False, True))
     return float(np.mean([rising[row] == list(up) and falling[row] == list(down) for row in rising]))
 
 
@@ -88,18 +87,29 @@ def acceleration(
     Args:
         table, falling, where: as for `share_in_order`.
         between: the least and the largest speed of the cycles that count, m/s.
+
+    Raises:
+        MeasureError: no row has two such cycles.
     """
     passes = _passes(records(table, where))
     low, high = between
     crossings = masked(passes, (passes["pass"] == int(falling)) & passes["speed_n"].between(low, high))
-    slopes = [np.polyfit(of_row["t"], of_row["speed_n"], 1)[0] for _, of_row in crossings.groupby("row")]
-    return float(np.mean(slopes))
+    groups = [group for _, group in crossings.groupby("row") if len(group) > 1]
+    if not groups:
+        raise MeasureError(f"No row has two cycles between {low:g} and {high:g} m/s in this pass.")
+    return float(np.mean([np.polyfit(group["t"], group["speed_n"], 1)[0] for group in groups]))
 
 
 @measure
 def narrowest_family(table: pd.DataFrame, *, where: Condition | None = None) -> str:
-    """The family of gaits with the least median range of speeds in the rising pass of a ramp."""
+    """The family of gaits with the least median range of speeds in the rising pass of a ramp.
+
+    Raises:
+        MeasureError: there is no gait bout in this pass.
+    """
     bouts = _bouts(records(table, where), "family", falling=False)
+    if bouts.empty:
+        raise MeasureError("The ramp has no gait bout as the parameter rises.")
     bouts["width"] = np.abs(numbers(bouts, "speed_end") - numbers(bouts, "speed_begin"))
     widths = {}
     for name, bouts_of_family in bouts.groupby("family"):
@@ -178,7 +188,7 @@ def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) ->
         parameter: the parameter that moves.
         columns: the columns whose absolute values are averaged.
     """
-    rising = masked(table, table["pass"] == 0)
+    rising = records(masked(table, table["pass"] == 0), None)
     sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
     means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
     along, size = (pd.Series(numbers(means, name)) for name in (parameter, "size"))

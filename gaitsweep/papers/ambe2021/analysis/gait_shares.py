@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
-from gaitsweep.analyses import LEVEL, AnalysisError, fractions, proportion_interval
+from gaitsweep.analyses import AnalysisError, fractions, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
     parameters_of,
@@ -19,7 +18,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     springs_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.conditions import source_conditions, wave_conditions
+from gaitsweep.papers.ambe2021.theory.conditions import existing_waves
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 
 
@@ -47,16 +46,14 @@ def gait_shares(table: pd.DataFrame, parameters: str | Sequence[str] | None = No
         parameters = set_columns(table)
     names = [parameters] if isinstance(parameters, str) else list(parameters)
     counted = fractions(table, by=names, interval="wilson")
-    wide = counted.pivot(index=names, columns="outcome", values=["fraction", "low", "high"])
+    wide = counted.pivot(index=[*names, "of"], columns="outcome", values=["fraction", "low", "high"])
     sets = pd.DataFrame(wide.index.to_frame(index=False))
-    # the high end of the interval of a gait that no start reached
-    most_without = proportion_interval(0, int(counted["of"].to_numpy().min()), LEVEL)[1]
-    # of each column of `fractions`: its suffix here, and its value where no start has the gait
-    columns = {"fraction": ("", 0.0), "low": ("_low", 0.0), "high": ("_high", most_without)}
+    high_of_none = [proportion_interval(0, starts)[1] for starts in sets.pop("of")]
+    # of each column of `fractions`: its suffix here, and its values for a gait without starts in the table
+    columns = {"fraction": ("", 0.0), "low": ("_low", 0.0), "high": ("_high", high_of_none)}
     for gait in WAVES:
         for part, (suffix, without_gait) in columns.items():
-            occurs = (part, gait) in wide.columns
-            sets[gait + suffix] = wide[part, gait].fillna(without_gait).to_numpy() if occurs else without_gait
+            sets[gait + suffix] = wide[part, gait].to_numpy() if (part, gait) in wide else without_gait
     sets["elsewhere"] = (1.0 - sets[list(WAVES)].sum(axis=1)).clip(lower=0.0).round(12)
     return sets.assign(**_conditions(table, pd.DataFrame(sets[names])))
 
@@ -86,7 +83,7 @@ def sets_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
-    """Whether each gait is a motion of the chain, by `wave_conditions` and `source_conditions`.
+    """Whether each gait is a motion of the chain, by `existing_waves`.
 
     Args:
         table: a table of the multi-legged chain, whose job gives the parameters that do not vary.
@@ -98,21 +95,14 @@ def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndar
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
-    holds = _existence(springs_of(table), chains_of(table, sets), L)
-    return {gait: np.asarray(exists) for gait, exists in zip(WAVES, holds, strict=True)}
+    exists = _existing_waves(springs_of(table), chains_of(table, sets))
+    return {gait: np.asarray(exists[gait]) for gait in WAVES}
 
 
 @partial(jax.jit, static_argnums=0)
-def _existence(N: int, chains: Chain, L: Float[np.ndarray, " sets"]) -> tuple[jax.Array, ...]:
+def _existing_waves(N: int, chains: Chain) -> dict[str, jax.Array]:
     """Whether each of WAVES is a motion of each of n chains, (n,)."""
-
-    def of_chain(chain: Chain, longest: jax.Array) -> tuple[jax.Array, ...]:
-        direct, retrograde = wave_conditions(N, chain, longest)
-        sources = [source_conditions(N, chain, k, longest).hold for k in range(3, N + 1)]
-        return direct.hold, jnp.any(jnp.stack(sources)), retrograde.hold
-
-    return jax.vmap(of_chain)(chains, jnp.asarray(L))
+    return jax.vmap(partial(existing_waves, N))(chains)
 
 
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:

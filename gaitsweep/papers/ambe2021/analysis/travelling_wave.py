@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
@@ -17,16 +16,16 @@ from jaxtyping import Float, Int
 from gaitsweep.analyses import AnalysisError, wrapped_difference
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
+    constants_of,
     of_legs,
-    parameters_of,
     psi_columns,
     relative_phases,
     set_columns,
     springs_of,
 )
-from gaitsweep.papers.ambe2021.theory.chain import Chain, Speeds, wave_speed, wavelength
+from gaitsweep.papers.ambe2021.theory.chain import Chain, wave_speed, wavelength
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, free_link, gait_of, nearest_set
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, drift, drift_on_ground
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift, drift_on_ground
 from gaitsweep.status import Status
 
 MID_STANCE = np.pi  # rad, the phase whose passage is timed: far from the phase reset
@@ -64,13 +63,11 @@ def waves(table: pd.DataFrame) -> pd.DataFrame:
     N = springs_of(table)
     if not {"t", "phase_3"} <= set(table.columns):
         raise AnalysisError("Waves need a trace of the multi-legged chain with the columns t, phase_1, ...")
-    varied = [
-        name for name in table.columns[1 : list(table.columns).index("t")] if not name.startswith("psi_")
-    ]
+    varied = set_columns(table)
     records = []
     for row, part in table.groupby("row", sort=True):
         part = part.sort_values("t")
-        omega = float(np.ravel(parameters_of(table, part.head(1))["omega"])[0])
+        omega = constants_of(table, ["omega"], part)["omega"]
         parameters = {name: part[name].iloc[0] for name in varied}
         records.append({"row": int(str(row)), **parameters, **_wave(part, N, chain_of(table, part), omega)})
     return pd.DataFrame(records)
@@ -80,11 +77,11 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
     """The measured wave of one row, and the theory's wavelength and speeds, as `waves` returns them."""
     swings = passages(part)
     branch, distance = nearest_set(N, chain, relative_phases(part))
-    lags = np.minimum(swings.leads, swings.period - swings.leads)[links_of_wave(N, branch) - 1]
+    # link k of set A moves with the free one
+    not_of_wave = [free_link(N, branch), *([branch.k] if branch.kind == "A" else [])]
+    lags = np.delete(np.minimum(swings.leads, swings.period - swings.leads), np.array(not_of_wave) - 1)
     # eqs. (27), (28) are of equal inner legs; with a profile each pair has a lag of its own
-    without = Speeds(jnp.asarray(jnp.nan), jnp.asarray(jnp.nan))
-    speeds = without if chain.has_profile else wave_speed(omega, chain)
-    printed = np.nan if chain.has_profile else float(wavelength(chain))
+    theory = (np.nan,) * 3 if chain.has_profile else (wavelength(chain), *wave_speed(omega, chain))
     return {
         "gait": GAITS[gait_of(branch)],
         "k": 0 if branch.kind == "direct" else branch.k,
@@ -95,18 +92,8 @@ def _wave(part: pd.DataFrame, N: int, chain: Chain, omega: float) -> dict[str, o
         "spread": np.ptp(lags),
         "wavelength": swings.period / lags.mean(),
         "speed": 1.0 / lags.mean(),
-        "wavelength_27": printed,
-        "speed_28": float(speeds.printed),
-        "speed_exact": float(speeds.exact),
+        **dict(zip(("wavelength_27", "speed_28", "speed_exact"), map(float, theory), strict=True)),
     }
-
-
-def links_of_wave(N: int, branch: Branch) -> Int[np.ndarray, " links"]:
-    """The links whose lag is that of the wave: not the free one, nor link k of set A, which moves with it."""
-    left_out = {free_link(N, branch)}
-    if branch.kind == "A":
-        left_out.add(branch.k)
-    return np.array([link for link in range(1, N + 1) if link not in left_out])
 
 
 def passages(part: pd.DataFrame) -> Passages:
@@ -204,17 +191,15 @@ def source_drift(table: pd.DataFrame) -> pd.DataFrame:
         if len(psi) < 2:
             raise AnalysisError(f"Row {row} has fewer than two crossings.")
         N = psi.shape[1]
-        first = pd.DataFrame(part.head(1))
-        chain = chain_of(table, first)
-        K = np.ravel(parameters_of(table, first)["K"])[0]
-        rate = float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1)))))
+        chain = chain_of(table, part)
+        K = constants_of(table, ["K"], part)["K"]
         drifts = {
             "place": int(np.abs(wrapped_difference(psi[-1])).argmax()) + 1,
-            "drift": rate,
+            "drift": float(np.mean(wrapped_difference(np.diff(psi.sum(axis=1))))),
             "law": float(drift(chain)),
-            "law_on_ground": float(drift_on_ground(N, chain, float(K))),
+            "law_on_ground": float(drift_on_ground(N, chain, K)),
         }
-        records.append({"row": row, **{name: first[name].iloc[0] for name in names}, **drifts})
+        records.append({"row": row, **{name: part[name].iloc[0] for name in names}, **drifts})
     return pd.DataFrame(records)
 
 
@@ -222,8 +207,7 @@ def _phases(table: pd.DataFrame, suffix: str) -> Float[np.ndarray, "records spri
     """The relative phases of each record, rad."""
     names = psi_columns(table, suffix)
     if not names:
-        columns = f"the columns psi_1{suffix}, ..."
-        raise AnalysisError(f"A source needs a table of the multi-legged chain with {columns}")
+        raise AnalysisError(f"A source needs psi_1{suffix}, ..., the columns of the multi-legged chain.")
     return table[names].to_numpy(float)
 
 

@@ -40,6 +40,10 @@ from gaitsweep.plot import (
     theme,
 )
 
+Legs = Float[np.ndarray, " legs"]
+Solutions = Float[np.ndarray, " solutions"]
+Shades = Float[np.ndarray, "springs 4"]
+
 Shown = Literal["touchdowns", "order", "free_phase", "sets"]
 SHOWN: tuple[Shown, ...] = get_args(Shown)
 
@@ -47,13 +51,18 @@ SHOWN: tuple[Shown, ...] = get_args(Shown)
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     model = table.model
     has_phases = bool({"psi_1_end", "psi_1_n", "phase_1"} & set(table.columns))
-    if not (isinstance(model, ChainModel) and has_phases):
+    if isinstance(model, ChainModel) and has_phases:
+        yield from _out_of_range(model.N, figure.k, figure.at)
+    else:
         yield figure.needs(table, "the multi-legged chain's psi_1 or phase_1")
-    elif figure.k is not None and not 2 <= figure.k <= model.N:
-        waves = f"a chain of {model.N + 1} legs has source waves of k = 2 to {model.N}."
-        yield ("k",), f"is {figure.k}, but {waves}"
-    if figure.at >= 1.0:
-        yield ("at",), f"is {figure.at:g}, but must be a fraction of the range of the free phase, below 1."
+
+
+def _out_of_range(N: int, k: int | None, at: float) -> Iterator[Refusal]:
+    """Refusals of a boundary leg and of a place that a chain with N springs does not have."""
+    if k is not None and not 2 <= k <= N:
+        yield ("k",), f"is {k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}."
+    if not 0.0 < at < 1.0:
+        yield ("at",), f"is {at:g}, but must be a fraction of the range of the free phase, between 0 and 1."
 
 
 @figure_kind("settle", "fixed_time", "return_map", "trace", check=_check)
@@ -100,20 +109,14 @@ def theory_figure(
     Raises:
         PlotError: as for `chain_theory`.
     """
-    k = max(3, (N + 3) // 2) if k is None else k
+    k = min(max(3, (N + 3) // 2), N) if k is None else k
     if show not in SHOWN:
         raise PlotError(f"show is {show}. Allowed: {', '.join(SHOWN)}.")
-    if not 2 <= k <= N:
-        raise PlotError(f"k is {k}, but a chain of {N + 1} legs has source waves of k = 2 to {N}.")
-    if not 0.0 < at < 1.0:
-        raise PlotError(
-            f"at is {at}, but must be a fraction of the range of the free phase, between 0 and 1."
-        )
-    if show == "touchdowns" and chain.has_profile:
-        raise PlotError(
-            "show: touchdowns draws one curve of leg length, but the legs of a chain with a profile differ."
-        )
+    for field, text in _out_of_range(N, k, at):
+        raise PlotError(f"{field[0]} {text}")
     if show == "touchdowns":
+        if chain.has_profile:
+            raise PlotError("show: touchdowns has one leg length, but legs of a chain with a profile differ.")
         return draw_touchdowns(N, chain, k, title)
     if show == "order":
         return draw_order(N, chain, k, at, title)
@@ -140,12 +143,8 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
         chain: its parameters, without a profile.
         k: the boundary leg of the source wave.
     """
-    regions = {
-        k - 1: "in the direct region",
-        k: "the boundary leg k",
-        k + 1: "in the retrograde region",
-    }
-    legs = [(leg, text) for leg, text in regions.items() if 2 <= leg <= N]
+    regions = ("in the direct region", "the boundary leg k", "in the retrograde region")
+    legs = [(leg, text) for leg, text in enumerate(regions, k - 1) if 2 <= leg <= N]
     rule = rule_of(N, Branch("B", k), chain)
     circle = float(touchdown_phase(chain))
     free = np.linspace(float(rule.low), float(rule.high), 41)
@@ -174,9 +173,7 @@ def draw_touchdowns(N: int, chain: Chain, k: int, title: str | None) -> Figure:
     return figure
 
 
-def _neighbour(
-    axes: Axes, phi: Float[np.ndarray, " solutions"], chain: Chain, colour: str, marker: str
-) -> None:
+def _neighbour(axes: Axes, phi: Solutions, chain: Chain, colour: str, marker: str) -> None:
     """The phases (rad) of a neighbour on the curve of leg length: their range, or the only one."""
     low, high = phi.min(), phi.max()
     if high - low > 1e-6:
@@ -239,11 +236,7 @@ def draw_order(N: int, chain: Chain, k: int, at: float, title: str | None) -> Fi
 
 
 def _touchdown_times(
-    axes: Axes,
-    when: Float[np.ndarray, " legs"],
-    stance: float,
-    order: tuple[int, ...],
-    reset_numbers: list[int],
+    axes: Axes, when: Legs, stance: float, order: tuple[int, ...], reset_numbers: list[int]
 ) -> None:
     """Each leg's stance from its touchdown on, with its place in the order and the number of its set S.
 
@@ -263,8 +256,7 @@ def _touchdown_times(
         axes.text(at_leg, leg, str(order.index(leg) + 1), **style)
         axes.text(1.03, leg, f"$S_{{{number}}}$", va="center", fontsize=theme.points(8))
     axes.set_xlim(0, 1)
-    names = {leg: f"Leg {leg}" for leg in legs} | {order[0]: f"Leg {order[0]} = k"}
-    axes.set_yticks(legs, list(names.values()))
+    axes.set_yticks(legs, [f"Leg {leg}{' = k' if leg == order[0] else ''}" for leg in legs])
     axes.set_ylim(len(when) + 0.6, 0.4)
     axes.tick_params(axis="y", pad=6.0)  # beyond a mark at 0
     axes.set_xlabel("time after the touchdown of leg k (cycles)")
@@ -362,13 +354,7 @@ def draw_sets(N: int, chain: Chain, title: str | None) -> Figure:
 
 
 def _draw_set(
-    axes: Axes,
-    N: int,
-    branch: Branch,
-    chain: Chain,
-    breaks: Sequence[float],
-    place: float,
-    shades: Float[np.ndarray, "springs 4"],
+    axes: Axes, N: int, branch: Branch, chain: Chain, breaks: Sequence[float], place: float, shades: Shades
 ) -> float:
     """The relative phases of one set, cut at its jumps; returns the place at which the next set begins.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_parameters_of, springs_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, profile_of, springs_of
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.solution_sets import drift, worst_case_cycles
 from gaitsweep.plot import (
@@ -23,7 +23,6 @@ from gaitsweep.plot import (
     Refusal,
     Title,
     Word,
-    column,
     figure_kind,
     outcome,
     require_columns,
@@ -33,7 +32,8 @@ from gaitsweep.plot import (
 from gaitsweep.status import Outcome
 
 EQUAL_WITHIN = 1e-9  # largest difference between equal ends, in the unit of the parameter
-ENDS = {"m": ("m_1", "m_end"), "kappa": ("kappa_1", "kappa_end"), "a": ("a_1", "a_end")}
+ENDS = {"m": [("m_1", "m_end")], "kappa": [("kappa_1", "kappa_end")], "a": [("a_1", "a_end")]}
+ENDS["ends"] = list(itertools.chain(*ENDS.values()))
 ASYMMETRY_LABELS = {
     "m": "difference of head's and tail's mass, $|m_{N+1} - m_1|$ (kg)",
     **dict.fromkeys(("kappa", "a", "ends"), "drift of the sum of relative phases, $E$ (rad per cycle)"),
@@ -45,10 +45,13 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if table.missing(["psi_1_end"]):
         yield figure.needs(table, "the multi-legged chain's psi_1")
         return
-    pairs = list(ENDS.values()) if figure.of == "ends" else [ENDS[figure.of]]
-    if not any(table.missing(pair) is None for pair in pairs):
-        names = ", or ".join(" and ".join(pair) for pair in pairs)
-        yield ("of",), f"is {figure.of}, but {names} must vary in this job."
+    if not any(table.missing(pair) is None for pair in ENDS[figure.of]):
+        yield ("of",), f"is {figure.of}, but {_in_words(ENDS[figure.of])} must vary in this job."
+
+
+def _in_words(pairs: Iterable[tuple[str, str]]) -> str:
+    """Pairs of columns in a sentence."""
+    return ", or ".join(map(" and ".join, pairs))
 
 
 @figure_kind("settle", check=_check)
@@ -78,7 +81,9 @@ def drift_law(
     if of not in ASYMMETRY_LABELS:
         raise PlotError(f"of is {of}, but must be one of {', '.join(ASYMMETRY_LABELS)}.")
     require_columns(table, "cycles", hue)
-    ends = [column(table, name) for name in itertools.chain(*_columns(table, of))]
+    ends = [name for pair in ENDS[of] if set(pair) <= set(table.columns) for name in pair]
+    if not ends:
+        raise PlotError(f"of is {of}, which needs the columns {_in_words(ENDS[of])} of a table.")
     settled = rows_where(table, ~outcome(table, hue).isin([Outcome.NOT_SETTLED, Outcome.FAILED, "none"]))
     with theme.canvas(theme.COLUMN + 0.9, 3.1, title) as figure:
         axes = figure.subplots()
@@ -93,11 +98,8 @@ def drift_law(
         for name in names:
             points = pairs[pairs[hue] == name]
             for field in _FIELDS:
-                style: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8}
-                style |= {
-                    "facecolors": colour[name] if field == "max" else "none",
-                    "edgecolors": colour[name],
-                }
+                faces = {"facecolors": colour[name] if field == "max" else "none", "edgecolors": colour[name]}
+                style: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8, **faces}
                 axes.scatter(points["asymmetry"], points[field], **style)
         law = pairs.groupby("asymmetry")["law"].first().sort_index()
         axes.plot(law.index, law, color="black", lw=0.9)
@@ -116,22 +118,9 @@ def _key(styles: dict[str, tuple[str, str]]) -> list[Line2D]:
         for name, (colour, marker) in styles.items()
     ]
     grey = {"color": "#555555", "marker": "o"}
-    fields = [
-        Line2D([], [], mfc=face, label=_FIELDS[field], **grey, **point)
-        for field, face in (("max", "#555555"), ("median", "none"))
-    ]
+    faces = zip(_FIELDS.values(), ("#555555", "none"), strict=True)
+    fields = [Line2D([], [], mfc=face, label=label, **grey, **point) for label, face in faces]
     return [*gaits, Line2D([], [], color="black", lw=0.9, label="law, eqs. (30)-(32)"), *fields]
-
-
-def _columns(table: pd.DataFrame, of: str) -> list[tuple[str, str]]:
-    """The columns of head and tail that may differ."""
-    if of != "ends":
-        return [ENDS[of]]
-    present = [pair for pair in ENDS.values() if set(pair) <= set(table.columns)]
-    if not present:
-        pairs = ", ".join(" and ".join(pair) for pair in ENDS.values())
-        raise PlotError(f"This table has no column of an end; of: ends needs one of these pairs: {pairs}.")
-    return present
 
 
 def _ticks(axis: Axis) -> None:
@@ -149,19 +138,17 @@ def _pairs(
     table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
-    others = [name for name in (*Chain._fields, *profile_parameters_of(table)) if name not in ends]
+    others = [name for name in (*Chain._fields, *profile_of(table)) if name not in ends]
     for name in others:
         if name in table and len(table[name].unique()) > 1:
-            raise PlotError(
-                f"{name} varies, but the law needs one value of all but the ends' {' and '.join(ends)}."
-            )
+            all_ends = " and ".join(ends)
+            raise PlotError(f"{name} varies, but the law needs one value of all but the ends' {all_ends}.")
     springs = springs_of(table)
     chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
-    chains = [
-        chain._replace(**dict(zip(ends, values, strict=True))) for values in pairs[ends].to_numpy(float)
-    ]
+    values_of_ends = pairs[ends].to_numpy(float)
+    chains = [chain._replace(**dict(zip(ends, values, strict=True))) for values in values_of_ends]
     pairs["law"] = [float(worst_case_cycles(springs, chain_of_pair)) for chain_of_pair in chains]
     drifts = np.round([abs(float(drift(chain_of_pair))) for chain_of_pair in chains], 9)
     pairs["asymmetry"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts

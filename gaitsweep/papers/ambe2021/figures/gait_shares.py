@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_parameters_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_of
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -94,11 +94,12 @@ def gait_shares(
         for axes, gait in zip(panels, _SHARES, strict=True):
             log_axes(axes, table, x=x, y=y)
             meshes.append(_map(axes, shares, table, x, y, gait))
+            axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())  # lines leave them as they are
             axes.set_title(_label(gait))
             axes.set_xlabel(axis_label(table, x))
             _edges(axes, table, x, y)
             if gait in WAVES:
-                _exact(axes, table, x, y, gait)
+                _contour(axes, table, x, y, gait)
         for axes in panels[::across]:
             axes.set_ylabel(described(table, y, 24))
         for axes in panels[:-across]:
@@ -155,10 +156,10 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
             if gait in WAVES:
                 band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
                 axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
-        axes.set_ylim(-0.02, 1.02)
+        axes.set(xlim=axes.get_xlim(), ylim=(-0.02, 1.02))
         _edges(axes, table, x, None)
         for gait in WAVES:
-            _exact(axes, table, x, None, gait)
+            _mark_turns(axes, table, x, gait)
         theme.legend(figure, ncols=4)
     return figure
 
@@ -168,10 +169,9 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
 
     A profile has none, since its inner legs do not share one m, kappa and a.
     """
-    if profile_parameters_of(table):
+    if profile_of(table):
         return
-    low, high = axes.get_xlim(), axes.get_ylim()
-    along = _along(low, 401, axes.get_xscale())
+    along = _along(axes.get_xlim(), 401, axes.get_xscale())
     sets = pd.DataFrame({x: along})
     values = parameters_of(table, sets)
     m, g = values["m"], values["g"]
@@ -186,8 +186,6 @@ def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
             axes.plot(along, np.broadcast_to(limit, along.shape), **cased)
         elif name == upright:
             axes.axvline(float(np.ravel(limit)[0]), **cased)
-    axes.set_xlim(low)
-    axes.set_ylim(high)
 
 
 def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.ndarray, " places"]:
@@ -200,17 +198,6 @@ def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.nda
 def _above_zero(limits: tuple[float, float]) -> tuple[float, float]:
     """The limits of an axis, of which parameters are above zero and a figure's margin may not be."""
     return max(limits[0], 1e-3 * limits[1]), limits[1]
-
-
-def _exact(axes: Axes, table: pd.DataFrame, x: str, y: str | None, gait: str) -> None:
-    """The limits of existence of a gait; other parameters as in the job, or as in Table 1."""
-    low, high = axes.get_xlim(), axes.get_ylim()
-    if y is None:
-        _mark_turns(axes, table, x, gait)
-    else:
-        _contour(axes, table, x, y, gait)
-    axes.set_xlim(low)
-    axes.set_ylim(high)
 
 
 def _mark_turns(axes: Axes, table: pd.DataFrame, x: str, gait: str) -> None:

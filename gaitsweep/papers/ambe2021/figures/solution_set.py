@@ -18,7 +18,7 @@ from gaitsweep.analyses import in_order
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
-    profile_parameters_of,
+    profile_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST_PIECE, segments
@@ -39,6 +39,8 @@ from gaitsweep.plot import (
     theme,
 )
 from gaitsweep.status import Outcome
+
+InPlane = Float[np.ndarray, "points 2"]
 
 _ThreeEntries = Field(min_length=3, max_length=3)
 _NAME_DISTANCE = 11.0  # points from a marked point to its name
@@ -89,7 +91,9 @@ def solution_set(
         _label(table, names, space, planes)
         if not len(settled):
             theme.message(planes[0][0], "No row has settled yet.")
-        theory_label = _named(table) if len(lines) else None
+        far = largest_distance(table)
+        distance = "" if far is None else f", {far[0]:.3f} rad away at most"
+        theory_label = f"analytic solutions{distance}" if len(lines) else None
         _legend(figure, table, hue, shown, theory_label, remark)
         if points:
             along = np.linspace(lines[:, 0], lines[:, 1], 20).reshape(-1, 3)
@@ -194,22 +198,15 @@ def _legend(
     handles = []
     for name in order:
         count = int((shown == name).sum())
-        if name in (Outcome.NOT_SETTLED, Outcome.FAILED):
-            face, label = "none", f"{theme.named(name)}: {count}, not shown"
-        else:
-            face, label = colour[name], f"{theme.named(name)} ({count})"
+        hidden = name in (Outcome.NOT_SETTLED, Outcome.FAILED)
+        face = "none" if hidden else colour[name]
+        label = f"{theme.named(name)}: {count}, not shown" if hidden else f"{theme.named(name)} ({count})"
         handles.append(Line2D([], [], ls="", marker=marker[name], color=face, label=label, ms=5))
     if theory:
         handles.append(Line2D([], [], color="black", lw=0.9, label=theory))
     title = f"No analytic solutions are drawn: {remark}" if remark else None
     if handles or title:
         theme.legend(figure, handles, ncols=min(4, max(len(handles), 1)), title=title)
-
-
-def _named(table: pd.DataFrame) -> str:
-    """The analytic solutions in the legend, with the largest distance of settled states from them."""
-    far = largest_distance(table)
-    return "analytic solutions" if far is None else f"analytic solutions, {far[0]:.3f} rad away at most"
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pieces 2 3"], str | None]:
@@ -219,7 +216,7 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
         return none, "they are known for psi_1, psi_2 and psi_3 only."
     if "psi_4_end" in table.columns:
         return none, "they are drawn for N = 3 only."
-    names = (*Chain._fields, "m_B", *profile_parameters_of(table))
+    names = (*Chain._fields, "m_B", *profile_of(table))
     varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
     if varied:
         return none, f"{', '.join(varied)} varies."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -31,17 +31,10 @@ from gaitsweep.plot import (
     theme,
 )
 
-
-class Panel(NamedTuple):
-    """A panel: its vertical axis, and the label and the line of each column of the theory in it."""
-
-    label: str
-    curves: dict[str, tuple[str, str]]
-
-
+# The panels by their columns: the vertical axis, and the label and the line of each column of the theory.
 _PANELS = {
-    "wavelength": Panel("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),
-    "speed": Panel(
+    "wavelength": ("wavelength (legs)", {"wavelength_27": ("eq. (27)", "-")}),
+    "speed": (
         "speed of the wave (legs/s)",
         {"speed_exact": ("with the reset's shorter cycle", "-"), "speed_28": ("eq. (28) as printed", "--")},
     ),
@@ -69,6 +62,10 @@ def wave_speed(
             parameter of the theory varies.
     """
     column(table, x)
+    if not len(table):
+        with theme.canvas(theme.COLUMN, 2.9, title) as figure:
+            theme.message(figure.subplots(), "no rows yet")
+        return figure
     try:
         measured = waves(table)
     except AnalysisError as error:
@@ -76,7 +73,7 @@ def wave_speed(
     measured[x] = table.groupby("row")[x].first().loc[measured["row"]].to_numpy()
     parameters = [str(name) for name in measured.columns[1 : list(measured.columns).index("gait")]]
     for _, part in measured.groupby(x):
-        theories = part[[curve for panel in _PANELS.values() for curve in panel.curves]]
+        theories = part[[curve for _, curves in _PANELS.values() for curve in curves]]
         if not np.allclose(theories, theories.iloc[0], rtol=1e-9, atol=0.0, equal_nan=True):
             others = [name for name in parameters if name != x and len(set(part[name])) > 1]
             raise PlotError(
@@ -89,8 +86,8 @@ def wave_speed(
     down, across = theme.shape(2, theme.PAGE, 2.5)
     with theme.canvas(theme.PAGE, 2.9 * down, title) as figure:
         grid = figure.subplots(down, across)
-        for axes, (name, panel) in zip(grid, _PANELS.items(), strict=True):
-            for curve, (text, line) in panel.curves.items():
+        for axes, (name, (vertical, curves)) in zip(grid, _PANELS.items(), strict=True):
+            for curve, (text, line) in curves.items():
                 axes.plot(theory[x], theory[curve], line, color="black", lw=0.9, label=text)
             for gait in names:
                 rows = measured[np.asarray(measured["gait"] == gait)]
@@ -98,7 +95,7 @@ def wave_speed(
                 open_ring = {"facecolors": "none", "edgecolors": colour[gait], "marker": marker[gait]}
                 axes.scatter(rows[x], rows[name], **style, **open_ring)
             axes.set_xlabel(described(table, x))
-            axes.set_ylabel(panel.label)
+            axes.set_ylabel(vertical)
             axes.set_ylim(bottom=0)
             axes.legend(loc="upper left")
     return figure

@@ -5,6 +5,4 @@ both use `parameters.py`, `state.py` (states, and coordinates on the section) an
 `chain_of_table.py` reads the chain of a result table.
 """
 
-from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
-
-__all__ = ["Multilegged"]
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged as Multilegged

@@ -64,7 +64,7 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     # the theory has no dampers, and the root in their formulas has no value where an axis ends below zero
     defaults = {
         quantity.name: quantity.default
-        for quantity in (*PARAMETERS, *_profile(table))
+        for quantity in (*PARAMETERS, *profile_of(table).values())
         if quantity.name not in ("sigma", "D")
     }
     settings: dict[str, Any] = defaults | _job(table, "params")
@@ -74,20 +74,24 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     return _evaluated(settings, defaults)
 
 
-def constants_of(table: pd.DataFrame, names: Sequence[str]) -> dict[str, float]:
+def constants_of(
+    table: pd.DataFrame, names: Sequence[str], part: pd.DataFrame | None = None
+) -> dict[str, float]:
     """Some of the chain's parameters without dampers, which have one value in all rows, by name.
 
     Args:
-        table: a table of the chain.
+        table: a table of the chain; its job gives the parameters that do not vary.
         names: the names of the parameters.
+        part: the part of the table whose rows have one value; by default all of it.
 
     Raises:
         AnalysisError: one differs between rows, or as for `chain_of`.
     """
+    part = table if part is None else part
     for name in names:
-        if name in table and len(np.unique(table[name].to_numpy(float))) > 1:
+        if name in part and len(np.unique(part[name].to_numpy(float))) > 1:
             raise AnalysisError(f"{name} differs between the rows of the table: take rows with one value.")
-    values = parameters_of(table, table.head(1))
+    values = parameters_of(table, part.head(1))
     return {name: float(np.ravel(values[name])[0]) for name in names}
 
 
@@ -112,15 +116,10 @@ def _evaluated(settings: Mapping[str, Any], names: Iterable[str]) -> dict[str, A
     return values
 
 
-def profile_parameters_of(table: pd.DataFrame) -> tuple[str, ...]:
-    """The names of the parameters of the table's profile; none without one."""
-    return tuple(quantity.name for quantity in _profile(table))
-
-
-def _profile(table: pd.DataFrame) -> tuple[Quantity, ...]:
-    """The parameters of the table's profile; none without one."""
+def profile_of(table: pd.DataFrame) -> dict[str, Quantity]:
+    """The parameters of the table's profile, by name; none without one."""
     N = _springs_with_profile(table)
-    return () if N is None else profile_parameters(N)
+    return {} if N is None else {quantity.name: quantity for quantity in profile_parameters(N)}
 
 
 def _springs_with_profile(table: pd.DataFrame) -> int | None:
@@ -200,8 +199,8 @@ def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
     distance = np.asarray(table["distance"], float)
     settled = Status.SOUND.among(table["status"])
     labelled = ~np.isin(np.asarray(table["gait"], str), ["locked", "none"])
-    counts = settled & labelled & (distance <= NONE_BEYOND)
-    if not counts.any():
+    counts = np.flatnonzero(settled & labelled & (distance <= NONE_BEYOND))
+    if not len(counts):
         return None
-    place = int(np.argmax(np.where(counts, distance, -np.inf)))
-    return float(distance[place]), int(np.asarray(table["row"])[place])
+    farthest = counts[distance[counts].argmax()]
+    return float(distance[farthest]), int(np.asarray(table["row"])[farthest])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Mapping
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -83,17 +84,7 @@ class ChainModel(HybridModel):
     )
 
     source: ClassVar[str] = "Ambe, Aoi, Tsuchiya, Matsuno 2021, Front. Neural Circuits 15:706064"
-    bibtex: ClassVar[str] = """\
-@article{ambe2021,
-  author = {Ambe, Yuichi and Aoi, Shinya and Tsuchiya, Kazuo and Matsuno, Fumitoshi},
-  title = {Generation of direct-, retrograde-, and source-wave gaits in multi-legged locomotion in a
-    decentralized manner via embodied sensorimotor interaction},
-  journal = {Frontiers in Neural Circuits},
-  year = {2021},
-  volume = {15},
-  pages = {706064},
-  doi = {10.3389/fncir.2021.706064}
-}"""
+    bibtex: ClassVar[str] = Path(__file__).parents[1].joinpath("paper.bib").read_text(encoding="utf-8")
     gaits: ClassVar[tuple[str, ...]] = GAITS
 
     @property
@@ -182,19 +173,11 @@ class ChainModel(HybridModel):
         p = params
         psi = jnp.stack([observations[f"psi_{i}"] for i in range(1, self.N + 1)])
         inner = slice(1, -1) if self.profile else 1
-        chain = Chain(
-            beta=p.beta,
-            kappa=p.kappa[inner],
-            m=p.masses[inner] if self.profile else p.m,
-            m_1=p.masses[0],
-            m_end=p.masses[-1],
-            a=p.a[inner],
-            g=p.g,
-            kappa_1=p.kappa[0],
-            kappa_end=p.kappa[-1],
-            a_1=p.a[0],
-            a_end=p.a[-1],
-        )
+        m = p.masses[inner] if self.profile else p.m
+        ends = {"m": p.masses, "kappa": p.kappa, "a": p.a}
+        heads = {f"{name}_1": values[0] for name, values in ends.items()}
+        tails = {f"{name}_end": values[-1] for name, values in ends.items()}
+        chain = Chain(beta=p.beta, g=p.g, m=m, kappa=p.kappa[inner], a=p.a[inner], **heads, **tails)
         gait, k, distance = classify(self.N, psi, chain)
         return {"gait": gait, "k": k, "distance": distance}
 
@@ -306,9 +289,8 @@ class Multilegged(ChainModel):
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"]) -> State:
         p, s = params, state
         after = self._transitions(s, fired)
-        return State(
-            x=s.x,
-            v=s.v,
+        return dataclasses.replace(
+            s,
             phi=jnp.where(after.wraps, s.phi - TWO_PI, s.phi),
             y=jnp.where(after.resets, s.y + lagged_reset(s.phi, p.tau), s.y),  # eq. (5), (6)
             contact=s.contact ^ fired[self.N + 1 :],

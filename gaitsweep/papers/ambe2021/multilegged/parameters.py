@@ -19,7 +19,6 @@ _EQ_31, _EQ_32 = "eq. (31)", "eq. (32)"  # the equations in which head and tail 
 
 _positive = Quantity.positive
 
-
 PARAMETERS = (
     Quantity(
         "beta", "1", "duty factor", 0.8, low=0.0, high=1.0, open_ends=True, symbol=r"\beta", source=_TABLE_1
@@ -80,10 +79,12 @@ def profile_parameters(N: int) -> tuple[Quantity, ...]:
         for shape, meaning in _SHAPES.items()
     ]  # fmt: skip
     values = [
-        _positive(f"{name}_{i}", unit, meaning.format(i=i, next=i + 1), _profile_formula(name, place),
+        _positive(f"{name}_{i}", unit, meaning.format(i=i, next=i + 1),
+                  # with slope and bend 0 it is the very number of `name`
+                  f"{name}*(1 + ({x})*{name}_slope + ({1 - x**2})*{name}_bend)",
                   rf"{symbol}_{{{i}}}", _SOURCE)
         for name, (unit, meaning, symbol) in _PROFILED.items()
-        for i, place in _places_along_chain(name, N).items()
+        for i, x in _places_along_chain(name, N).items()
     ]  # fmt: skip
     return (*shapes, *values)
 
@@ -93,8 +94,3 @@ def _places_along_chain(name: str, N: int) -> dict[int, Fraction]:
     if name == "kappa":
         return {i: Fraction(2 * i - 1, N) - 1 for i in range(2, N)}
     return {i: Fraction(2 * (i - 1), N) - 1 for i in range(2, N + 1)}
-
-
-def _profile_formula(name: str, place: Fraction) -> str:
-    """The default as a formula; with slope and bend 0 it is the very number of `name`."""
-    return f"{name}*(1 + ({place})*{name}_slope + ({1 - place**2})*{name}_bend)"

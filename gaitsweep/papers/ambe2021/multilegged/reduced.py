@@ -77,13 +77,13 @@ def after_events(s: State, corner: jax.Array, touches: jax.Array, lifts: jax.Arr
     segment = jnp.where(ends, STANCE, jnp.where(corner, s.segment + 1, s.segment))
     crosses = ends[0]
     psi = wrapped(s.phi[1:] - s.phi[:-1])  # eq. (7), before the reset
-    return State(
+    return dataclasses.replace(
+        s,
         phi=jnp.where(resets, 0.0, jnp.where(wraps, s.phi - TWO_PI, s.phi)),
         segment=segment,
         held=jnp.where(corner | ends, (segment == LANDING), s.held & ~lifts),
         psi=jnp.where(crosses, psi, s.psi),
         landed=jnp.where(crosses, resets[0], s.landed),
-        late=s.late,
     )
 
 

@@ -5,24 +5,15 @@ solutions and the drift along them, `order.py` their touchdown orders and eigenv
 `conditions.py` their existence, and `gaits.py` the gait of a state by the nearest solution.
 """
 
-from __future__ import annotations
-
-from gaitsweep.papers.ambe2021.theory.chain import Chain, lag, touchdown_phase, wave_speed, wavelength
-from gaitsweep.papers.ambe2021.theory.gaits import distances
-from gaitsweep.papers.ambe2021.theory.order import characteristic_polynomial, linear_map, multipliers
-from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, drift, worst_case_cycles
-
-__all__ = [
-    "Branch",
-    "Chain",
-    "characteristic_polynomial",
-    "distances",
-    "drift",
-    "lag",
-    "linear_map",
-    "multipliers",
-    "touchdown_phase",
-    "wave_speed",
-    "wavelength",
-    "worst_case_cycles",
-]
+from gaitsweep.papers.ambe2021.theory.chain import Chain as Chain
+from gaitsweep.papers.ambe2021.theory.chain import lag as lag
+from gaitsweep.papers.ambe2021.theory.chain import touchdown_phase as touchdown_phase
+from gaitsweep.papers.ambe2021.theory.chain import wave_speed as wave_speed
+from gaitsweep.papers.ambe2021.theory.chain import wavelength as wavelength
+from gaitsweep.papers.ambe2021.theory.gaits import distances as distances
+from gaitsweep.papers.ambe2021.theory.order import characteristic_polynomial as characteristic_polynomial
+from gaitsweep.papers.ambe2021.theory.order import linear_map as linear_map
+from gaitsweep.papers.ambe2021.theory.order import multipliers as multipliers
+from gaitsweep.papers.ambe2021.theory.solution_sets import Branch as Branch
+from gaitsweep.papers.ambe2021.theory.solution_sets import drift as drift
+from gaitsweep.papers.ambe2021.theory.solution_sets import worst_case_cycles as worst_case_cycles

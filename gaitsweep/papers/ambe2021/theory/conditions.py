@@ -18,71 +18,72 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from gaitsweep.papers.ambe2021.theory.chain import Chain, Scalar, amplitudes, masses, reset, springs, takeoffs
+from gaitsweep.papers.ambe2021.theory.chain import Chain, amplitudes, masses, reset, springs, takeoffs
 
 
 class Conditions(NamedTuple):
-    """Margins of the conditions of one wave, scalars; a condition is satisfied if its margin is above 0.
+    """Margins of the conditions of one wave; a condition is satisfied if its margin is above 0.
 
-    `takeoff` is the smallest t of all legs as a share of the takeoff segment; `load` the smallest load on a
-    leg in takeoff at the touchdown of its neighbour, divided by an inner leg's mean weight; `landing` the
-    remaining share of the landing segment at touchdown, above 0 if m g/kappa < a for the mass that determines
-    it; `length` the shortest leg length divided by L, above 0 if a < L. No equation depends on `length`, so
-    `hold` ignores it.
+    `takeoff` has, of each leg in takeoff at the touchdown of its neighbour, the distance of t from the nearer
+    end of the takeoff segment, as a share of the segment; `load` the loads on these legs, divided by an inner
+    leg's mean weight; `landing` is the remaining share of the landing segment at touchdown, a scalar above 0
+    if m g/kappa < a for the mass that determines it.
     """
 
     takeoff: jax.Array
     load: jax.Array
     landing: jax.Array
-    length: jax.Array
 
     @property
     def hold(self) -> jax.Array:
         """Whether the wave is a motion of the chain, with takeoff, load and landing above zero."""
-        return jnp.min(jnp.stack([self.takeoff, self.load, self.landing])) > 0.0
+        return jnp.min(jnp.concatenate([self.takeoff, self.load, self.landing[None]])) > 0.0
 
 
-def wave_conditions(N: int, chain: Chain, L: Scalar = 1.0) -> tuple[Conditions, Conditions]:
+def wave_conditions(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
     """The conditions of the direct and of the retrograde wave.
 
     Args:
         N: springs, 3 at least.
         chain: parameters; may be traced.
-        L: longest leg length, m.
 
     Source: sec. 2.1 of the paper for uniform chains; eq. (12) with the load of a leg in takeoff for others.
     """
-    front, rear = _touchdowns(N, chain)
-    shared = _landing_and_length(chain, jnp.max(amplitudes(N, chain)) / L)
-    ends = _takeoff_beside_ends(N, chain)
-    direct = Conditions(jnp.minimum(jnp.min(front.takeoff), ends[1]), jnp.min(front.load), *shared)
-    retrograde = Conditions(jnp.minimum(jnp.min(rear.takeoff), ends[0]), jnp.min(rear.load), *shared)
-    return direct, retrograde
+    direct, retrograde = _touchdowns(N, chain)
+    since_takeoff, segment = takeoffs(N, chain), _segment(chain)
+    # the neighbours of the ends, at the touchdowns of these
+    beside_head, beside_tail = 1.0 - since_takeoff.first / segment, 1.0 - since_takeoff.last / segment
+    return (
+        direct._replace(takeoff=jnp.append(direct.takeoff, beside_tail)),
+        retrograde._replace(takeoff=jnp.append(retrograde.takeoff, beside_head)),
+    )
 
 
-def source_conditions(N: int, chain: Chain, k: int, L: Scalar = 1.0) -> Conditions:
+def source_conditions(N: int, chain: Chain, k: int) -> Conditions:
     """The conditions of the source wave with the boundary leg k, set B.
 
     Legs 2 .. k-1 touch down as in a direct wave, legs k .. N as in a retrograde one. If all neighbours in
     takeoff are ends, as for N = 3 and k = 3, one spring lifts them instead of two.
 
     Args:
-        N, chain, L: as for `wave_conditions`.
+        N, chain: as for `wave_conditions`.
         k: boundary leg, 3 .. N.
     """
-    front, rear = _touchdowns(N, chain)
-    takeoff = jnp.concatenate([front.takeoff[: k - 2], rear.takeoff[k - 2 :]])
-    load = jnp.concatenate([front.load[: k - 2], rear.load[k - 2 :]])
-    return Conditions(
-        jnp.min(takeoff), jnp.min(load), *_landing_and_length(chain, jnp.max(amplitudes(N, chain)) / L)
-    )
+    direct, retrograde = _touchdowns(N, chain)
+    takeoff = jnp.concatenate([direct.takeoff[: k - 2], retrograde.takeoff[k - 2 :]])
+    load = jnp.concatenate([direct.load[: k - 2], retrograde.load[k - 2 :]])
+    return Conditions(takeoff, load, direct.landing)
 
 
-class _Touchdowns(NamedTuple):
-    """Margins of legs 2 .. N at touchdown with one neighbour in takeoff, (N-1,)."""
+def existing_waves(N: int, chain: Chain) -> dict[str, jax.Array]:
+    """Whether the direct, a source (of any boundary leg) and the retrograde wave are motions of the chain.
 
-    takeoff: jax.Array
-    load: jax.Array
+    Args:
+        N, chain: as for `wave_conditions`.
+    """
+    direct, retrograde = wave_conditions(N, chain)
+    sources = [source_conditions(N, chain, k).hold for k in range(3, N + 1)]
+    return {"direct": direct.hold, "source": jnp.any(jnp.stack(sources)), "retrograde": retrograde.hold}
 
 
 def _segment(chain: Chain) -> jax.Array:
@@ -90,19 +91,8 @@ def _segment(chain: Chain) -> jax.Array:
     return jnp.asarray((1.0 - chain.beta) * jnp.pi)
 
 
-def _landing_and_length(chain: Chain, shortening: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The margins `landing` and `length`, the same for all waves; `shortening` is the largest a / L."""
-    return 1.0 - reset(chain) / _segment(chain), 1.0 - shortening
-
-
-def _takeoff_beside_ends(N: int, chain: Chain) -> tuple[jax.Array, jax.Array]:
-    """The remaining share of takeoff of the neighbours of both ends, at the touchdowns of these."""
-    since_takeoff = takeoffs(N, chain)
-    return 1.0 - since_takeoff.first / _segment(chain), 1.0 - since_takeoff.last / _segment(chain)
-
-
-def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
-    """The margins with the neighbour towards the head in takeoff, and with that towards the tail."""
+def _touchdowns(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
+    """The margins at the touchdowns of legs 2 .. N, with the neighbour in takeoff towards head and tail."""
     k = springs(N, chain)
     a = amplitudes(N, chain)
     D = reset(chain)
@@ -114,7 +104,8 @@ def _touchdowns(N: int, chain: Chain) -> tuple[_Touchdowns, _Touchdowns]:
     for t, order in ((since_takeoff.front, 1), (since_takeoff.rear, -1)):
         takeoff = jnp.minimum(t, segment - t) / segment
         load = _loads(t[::order], k[::order], a[::order], weights[::order], D, 2.0 * segment - D)
-        margins.append(_Touchdowns(takeoff, load[::order] / (segment * inner_mass * chain.g)))
+        load = load[::order] / (segment * inner_mass * chain.g)
+        margins.append(Conditions(takeoff, load, 1.0 - D / segment))
     return margins[0], margins[1]
 
 

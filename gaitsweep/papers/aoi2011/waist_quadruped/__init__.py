@@ -5,6 +5,4 @@
 (`semi_implicit.py`).
 """
 
-from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped
-
-__all__ = ["WaistQuadruped"]
+from gaitsweep.papers.aoi2011.waist_quadruped.model import WaistQuadruped as WaistQuadruped

@@ -16,16 +16,13 @@ import numpy as np
 
 from gaitsweep.dynamics import evaluated_in
 from gaitsweep.dynamics.tree import PointForce, integrate
+from gaitsweep.expression import evaluate
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import (
-    BODY_HEIGHT,
-    BODY_SIZE,
     HEIGHT_NAMES,
-    HIP_X,
-    HIP_Y,
+    HEIGHTS,
     LIMBS,
-    LINK_LENGTH,
-    LINK_MASS,
+    PARAMETERS,
     body,
     displacements,
     factors,
@@ -90,23 +87,11 @@ class WaistTreeBody(WaistBody):
         return jnp.asarray(integrate(body()[0], s.q, v, dt)), v
 
 
-# Table I's masses (kg) and lengths (m), and places of hips and bodies (m), those of the MJCF.
-_TABLE_1 = {
-    "front_mass": 1.0,
-    "rear_mass": 1.0,
-    "front_length": BODY_SIZE,
-    "front_width": BODY_SIZE,
-    "rear_length": BODY_SIZE,
-    "rear_width": BODY_SIZE,
-    "link_mass": LINK_MASS,
-    "link_length": LINK_LENGTH,
-    "front_hip_x": HIP_X,
-    "rear_hip_x": HIP_X,
-    "front_hip_y": HIP_Y,
-    "rear_hip_y": HIP_Y,
-    "body_distance": BODY_SIZE,
-}
-_LEVEL = dict(zip(HEIGHT_NAMES, (BODY_HEIGHT, BODY_HEIGHT, 0.0, 0.0, 0.0), strict=True))
+# The masses (kg) and lengths (m) of the body, which the host compiles; without heights where it is level.
+_SIZES = (
+    "front_mass", "rear_mass", "front_length", "front_width", "rear_length", "rear_width", "link_mass",
+    "link_length", "front_hip_x", "rear_hip_x", "front_hip_y", "rear_hip_y", "body_distance",
+)  # fmt: skip
 
 
 class WaistMjxBody(WaistBody):
@@ -117,12 +102,11 @@ class WaistMjxBody(WaistBody):
     """
 
     def __init__(self, *, level: bool) -> None:
-        self._level = level
-        self.compiled_of = tuple(_TABLE_1) if level else (*_TABLE_1, *HEIGHT_NAMES)
+        self.compiled_of = _SIZES if level else (*_SIZES, *HEIGHT_NAMES)
 
     @property
     def variants(self) -> Variants:
-        return compiled_variants(level=self._level)
+        return compiled_variants(self.compiled_of)
 
     def feet(self, m: WaistMechanics, s: State, dt: jax.Array) -> tuple[jax.Array, jax.Array]:
         return mjx_body().points(_numbers(m), s.q, s.v)
@@ -153,8 +137,8 @@ def mjx_body() -> MjxBody:
 
 
 @cache
-def compiled_variants(*, level: bool) -> Variants:
-    """The bodies with other masses and lengths, and other heights where they are not level."""
+def compiled_variants(names: tuple[str, ...] = _SIZES) -> Variants:
+    """The bodies with other values of some masses, lengths and heights; Table I's are the defaults."""
     from gaitsweep.dynamics.mjx import Variants, rescale
 
     def edit(spec: mujoco.MjSpec, values: Mapping[str, float]) -> None:
@@ -165,5 +149,7 @@ def compiled_variants(*, level: bool) -> Variants:
             spec.body(name).pos = spec.body(name).pos + by
         spec.body("rear").ipos = spec.body("rear").ipos + centre
 
-    usual = _TABLE_1 if level else _TABLE_1 | _LEVEL
-    return Variants(mjcf(), edit, usual)
+    of_table_1: dict[str, float] = {}
+    for quantity in (*PARAMETERS, *HEIGHTS):
+        of_table_1[quantity.name] = evaluate(quantity.default or 0.0, of_table_1)
+    return Variants(mjcf(), edit, {name: of_table_1[name] for name in names})

@@ -23,34 +23,6 @@ _FRONT = np.array([(x, y, z) for x in (-_GAP, 1.0) for y in (-1.0, 1.0) for z in
 _REAR = _FRONT * [-1.0, 1.0, 1.0]
 
 
-def scaled_mjcf(values: Mapping[str, float]) -> str:
-    """The MJCF with a row's lengths and hips, as in `WaistMechanics.geometry`; masses are those of Table I.
-
-    Args:
-        values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
-    """
-    sizes = sizes_of(values)
-    moved_by_body, centre = displacements(sizes, np.array)
-    _, factor_by_body = factors(sizes, np.array)
-    root = ElementTree.fromstring(mjcf())
-    link_factor = np.full(3, factor_by_body["upper_1"])
-    for geom in root.findall("default//geom[@fromto]"):
-        _change(geom, "fromto", factor=np.tile(link_factor, 2))
-    for body in root.iter("body"):
-        body_factor = factor_by_body.get(str(body.get("name")), link_factor) * np.ones(3)
-        for part in body:
-            if part.get("pos"):
-                _change(part, "pos", factor=body_factor)
-            if part.get("type") == "box":
-                _change(part, "size", factor=body_factor)
-        if (displacement := moved_by_body.get(str(body.get("name")))) is not None:
-            _change(body, "pos", displacement=displacement)
-        if body.get("name") == "rear":
-            for part in (*body.findall("inertial"), *body.findall("geom")):
-                _change(part, "pos", displacement=centre)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
 def _change(
     element: ElementTree.Element,
     key: str,
@@ -70,7 +42,31 @@ class WaistDrawing:
         return LOOKS
 
     def mjcf(self, values: Mapping[str, float]) -> str:
-        return scaled_mjcf(values)
+        """The MJCF with a row's lengths and hips, as in `WaistMechanics.geometry`, and Table I's masses.
+
+        Args:
+            values: `front_length`, `rear_width`, `link_length`, `front_hip_x` and so on, m, among others.
+        """
+        sizes = sizes_of(values)
+        moved_by_body, centre = displacements(sizes, np.array)
+        _, factor_by_body = factors(sizes, np.array)
+        root = ElementTree.fromstring(mjcf())
+        link_factor = np.full(3, factor_by_body["upper_1"])
+        for geom in root.findall("default//geom[@fromto]"):
+            _change(geom, "fromto", factor=np.tile(link_factor, 2))
+        for body in root.iter("body"):
+            body_factor = factor_by_body.get(str(body.get("name")), link_factor) * np.ones(3)
+            for part in body:
+                if part.get("pos"):
+                    _change(part, "pos", factor=body_factor)
+                if part.get("type") == "box":
+                    _change(part, "size", factor=body_factor)
+            if (displacement := moved_by_body.get(str(body.get("name")))) is not None:
+                _change(body, "pos", displacement=displacement)
+            if body.get("name") == "rear":
+                for part in (*body.findall("inertial"), *body.findall("geom")):
+                    _change(part, "pos", displacement=centre)
+        return ElementTree.tostring(root, encoding="unicode")
 
     def skeleton(
         self, values: Mapping[str, float], signals: Mapping[str, Float[np.ndarray, " times"]]
@@ -78,12 +74,12 @@ class WaistDrawing:
         """The parts of the body, by MuJoCo's kinematics.
 
         Args:
-            values: the parameters, as for `scaled_mjcf`.
+            values: the parameters, as for `mjcf`.
             signals: q_0 to q_15, (n,) each.
         """
         import mujoco  # only where a body is drawn
 
-        model = mujoco.MjModel.from_xml_string(scaled_mjcf(values))
+        model = mujoco.MjModel.from_xml_string(self.mjcf(values))
         data = mujoco.MjData(model)
         qpos = np.stack([signals[f"q_{i}"] for i in range(model.nq)], axis=1)
         limbs = np.empty((len(LIMBS), len(qpos), 3, 3))

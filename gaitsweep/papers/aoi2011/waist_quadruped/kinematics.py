@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics import TWO_PI
+
+Scalar = jax.Array | float
+Point = tuple[jax.Array, jax.Array]  # x and z of each foot or of one, m, or their rates, m/s
 
 # Limits of a fall: height as a share of that in stance, and angles of tilt and twist (rad).
 FALL_HEIGHT, FALL_TILT, FALL_TWIST = 0.4, 1.2, 1.5
@@ -39,26 +42,18 @@ def has_fallen(q: jax.Array, standing: jax.Array, ground: jax.Array | None = Non
     return (height < FALL_HEIGHT * standing) | rolled | pitched | twisted
 
 
-class _Rises(NamedTuple):
-    """Vertical components of the front body's axes, each times `norm`, the quaternion's squared norm."""
+def _rises(q: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """The vertical components of the front body's axes x, y and z at positions q (16,), each times a norm.
 
-    ahead: jax.Array
-    side: jax.Array
-    up: jax.Array
-    norm: jax.Array
-
-
-def _rises(q: jax.Array) -> _Rises:
-    """The vertical components of the front body's axes at positions q (16,)."""
+    The last result is this norm, the quaternion's squared length.
+    """
     w, x, y, z = q[3:7]
     norm = w * w + x * x + y * y + z * z
     ahead, side, up = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z
-    return _Rises(ahead, side, up, norm)
+    return ahead, side, up, norm
 
 
-def joint_angles(
-    x: jax.Array, z: jax.Array, length: jax.Array | float, bend: jax.Array | float
-) -> tuple[jax.Array, jax.Array]:
+def joint_angles(x: jax.Array, z: jax.Array, length: Scalar, bend: Scalar) -> Point:
     """Hip and knee angles (rad) of a limb of two equal links whose foot is at (x, z) from the hip.
 
     Rotations are about +y, zero is straight down, and the knee angle is relative to the upper link. For a
@@ -76,13 +71,8 @@ def joint_angles(
 
 
 def joint_rates(
-    x: jax.Array,
-    z: jax.Array,
-    x_rate: jax.Array,
-    z_rate: jax.Array,
-    length: jax.Array | float,
-    bend: jax.Array | float,
-) -> tuple[jax.Array, jax.Array]:
+    x: jax.Array, z: jax.Array, x_rate: jax.Array, z_rate: jax.Array, length: Scalar, bend: Scalar
+) -> Point:
     """Time derivatives (rad/s) of the hip and knee angles of `joint_angles`; x, z, length, bend as there.
 
     The knee of a target out of reach does not turn. A foot exactly at its hip has no rates; they are NaN.
@@ -129,9 +119,7 @@ class FootPath:
         """X of the posterior extreme position, m."""
         return self.x_c - 0.5 * self.D
 
-    def target(
-        self, phi: jax.Array, segment: jax.Array, landing: tuple[jax.Array, jax.Array]
-    ) -> tuple[jax.Array, jax.Array]:
+    def target(self, phi: jax.Array, segment: jax.Array, landing: Point) -> Point:
         """Desired x and z of the foot relative to its hip, m.
 
         With s = phi / phi_AEP from 0 to 1, x moves from the PEP by D (s - swing_ease sin(2 pi s) / (2 pi)),
@@ -182,7 +170,7 @@ class FootPath:
         """Progress from the phase of the AEP to the end of the cycle, 0 to 1."""
         return (phi - self.phi_AEP) / (TWO_PI - self.phi_AEP)
 
-    def line(self, x: jax.Array, z: jax.Array, progress: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def line(self, x: jax.Array, z: jax.Array, progress: jax.Array) -> Point:
         """The point, x and z in m, on the line to the PEP.
 
         Args:

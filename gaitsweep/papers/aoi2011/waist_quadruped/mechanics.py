@@ -17,7 +17,14 @@ from gaitsweep.dynamics.tree import (
     rescaled,
     velocity,
 )
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, WAIST, joint_angles, joint_rates
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import (
+    HIP,
+    KNEE,
+    WAIST,
+    Point,
+    joint_angles,
+    joint_rates,
+)
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS, body, displacements, factors
 
 # Height above the ground (m) at which a foot lifts off, 1/2000 of its depth in stance. At zero, contact could
@@ -152,7 +159,7 @@ class WaistMechanics:
         """The position of a foot in its lower link's frame (3,), m."""
         return jnp.stack([jnp.zeros_like(self.g), jnp.zeros_like(self.g), -self.link_length])
 
-    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> tuple[jax.Array, jax.Array]:
+    def from_hips(self, q: jax.Array, share: jax.Array | float = 1.0) -> Point:
         """X and z (4,) m of the feet relative to their hips, in their bodies' axes, times `share`."""
         upper = jnp.stack([q[i] for i in HIP])
         lower = upper + jnp.stack([q[i] for i in KNEE])
@@ -160,12 +167,7 @@ class WaistMechanics:
         return down * (jnp.sin(upper) + jnp.sin(lower)), down * (jnp.cos(upper) + jnp.cos(lower))
 
     def torques(
-        self,
-        q: jax.Array,
-        v: jax.Array,
-        x: jax.Array,
-        z: jax.Array,
-        desired: tuple[jax.Array, jax.Array] | None = None,
+        self, q: jax.Array, v: jax.Array, x: jax.Array, z: jax.Array, desired: Point | None = None
     ) -> jax.Array:
         """Generalised forces (15,): PD control of the joints, eq. (4), and the spring of the waist.
 
@@ -236,13 +238,11 @@ class WaistMechanics:
             return [anchored_force(at[i], speed[i], anchors[i], contact[i], *self._ground()) for i in LIMBS]
         x = anchors[:, 0]
         axes, points = ground_axes(self.ground, x), jnp.stack([x, anchors[:, 1], self.ground(x)], axis=1)
-        zero = jnp.zeros(2)
-        return [
-            anchored_force(
-                axes[i] @ (at[i] - points[i]), axes[i] @ speed[i], zero, contact[i], *self._ground()
-            )
-            for i in LIMBS
-        ]
+        forces = []
+        for i in LIMBS:
+            along = axes[i] @ (at[i] - points[i]), axes[i] @ speed[i]
+            forces.append(anchored_force(*along, jnp.zeros(2), contact[i], *self._ground()))
+        return forces
 
     def heights(self, at: jax.Array) -> jax.Array:
         """Distances (4,) m of the feet, at positions (4, 3) m, from the ground; negative below it."""
@@ -302,17 +302,10 @@ class WaistMechanics:
 
         Counted are the roll inertias of flat bodies, and the limbs' masses at their hips.
         """
-        halves = (
-            (self.front_mass, self.front_width, self.front_hip_y),
-            (self.rear_mass, self.rear_width, self.rear_hip_y),
-        )
-        return sum(
-            (
-                1.0 / (mass * width**2 / 12.0 + 4.0 * self.link_mass * hip_y**2)
-                for mass, width, hip_y in halves
-            ),
-            jnp.zeros_like(self.g),
-        )
+        limbs = 4.0 * self.link_mass
+        front = self.front_mass * self.front_width**2 / 12.0 + limbs * self.front_hip_y**2
+        rear = self.rear_mass * self.rear_width**2 / 12.0 + limbs * self.rear_hip_y**2
+        return 1.0 / front + 1.0 / rear
 
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""

@@ -14,8 +14,10 @@ inside a step. The body is gaitsweep's articulated tree, or MJX's (`body: mjx`),
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import jax.numpy as jnp
@@ -88,17 +90,7 @@ class WaistQuadruped(WaistDrawing, HybridModel):
 
     name: ClassVar[str] = "waist_quadruped"
     source: ClassVar[str] = "Aoi, Yamashita, Tsuchiya 2011, Phys. Rev. E 83:061909"
-    bibtex: ClassVar[str] = """\
-@article{aoi2011,
-  author = {Aoi, Shinya and Yamashita, Tsuyoshi and Tsuchiya, Kazuo},
-  title = {Hysteresis in the gait transition of a quadruped investigated using simple body mechanical and
-    oscillator network models},
-  journal = {Physical Review E},
-  year = {2011},
-  volume = {83},
-  pages = {061909},
-  doi = {10.1103/PhysRevE.83.061909}
-}"""
+    bibtex: ClassVar[str] = Path(__file__).parents[1].joinpath("paper.bib").read_text(encoding="utf-8")
     gaits: ClassVar[tuple[str, ...]] = ("walk", "trot", "pace", "none")
 
     def __post_init__(self) -> None:
@@ -164,6 +156,10 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         cycle = v["T_sw"] / (1.0 - v["beta"])  # eq. (3)
         return Params(
             **{f.name: v[f.name] for f in dataclasses.fields(Params) if f.name in v},
+            K={i + j: v[f"K_{i}{j}"] for i, j in itertools.permutations("1234", 2)},
+            delta_star={i + j: v[f"delta_star_{i}{j}"] for i, j in itertools.combinations("1234", 2)},
+            gait_centres=jnp.stack([v[f"{gait}_centre"] for gait in self.gaits[:-1]]),
+            gait_widths=jnp.stack([v[f"{gait}_width"] for gait in self.gaits[:-1]]),
             omega=TWO_PI / cycle,
             phi_AEP=TWO_PI * (1.0 - v["beta"]),
             mechanics=mechanics,
@@ -250,11 +246,8 @@ class WaistQuadruped(WaistDrawing, HybridModel):
         self, params: Params, observations: Mapping[str, Real[Array, ""]]
     ) -> dict[str, Real[Array, ""]]:
         """The gait with the nearest centre, among the gaits within whose width delta_13 is."""
-        p, delta = params, observations["delta_13"]
-        centres = jnp.stack([p.walk_centre, p.trot_centre, p.pace_centre])
-        widths = jnp.stack([p.walk_width, p.trot_width, p.pace_width])
-        distance = jnp.abs(wrapped(delta - centres + jnp.pi) - jnp.pi)
-        distance = jnp.where(distance < widths, distance, jnp.inf)
+        distance = jnp.abs(wrapped(observations["delta_13"] - params.gait_centres + jnp.pi) - jnp.pi)
+        distance = jnp.where(distance < params.gait_widths, distance, jnp.inf)
         gait = jnp.where(jnp.min(distance) < jnp.inf, jnp.argmin(distance), len(self.gaits) - 1)
         return {"gait": gait}
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from gaitsweep.dynamics import TWO_PI
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import BEYOND, EARLY, LATE, STANCE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import BEYOND, EARLY, LATE, STANCE, Point, Scalar
 from gaitsweep.papers.aoi2011.waist_quadruped.state import Params, State
 
 # The limb whose landing ends a stride and closes a cycle: limb 3, the right hind one (Aoi et al. 2011).
@@ -37,20 +37,20 @@ def phase_rates(p: Params, s: State, coupling: jax.Array) -> jax.Array:
         p, s: parameters and state.
         coupling: gain with which delta_13 is pulled to `s.held_lead`, rad/s.
     """
-    fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star_12)
-    hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star_34)
+    fore = jnp.sin(s.phi[0] - s.phi[1] - p.delta_star["12"])
+    hind = jnp.sin(s.phi[2] - s.phi[3] - p.delta_star["34"])
     # Delta*_ji = -Delta*_ij, so one sine serves both limbs of a pair
-    sine_13 = jnp.sin(s.phi[0] - s.phi[2] - p.delta_star_13)
-    sine_24 = jnp.sin(s.phi[1] - s.phi[3] - p.delta_star_24)
-    sine_14 = jnp.sin(s.phi[0] - s.phi[3] - p.delta_star_14)
-    sine_23 = jnp.sin(s.phi[1] - s.phi[2] - p.delta_star_23)
+    sine_13 = jnp.sin(s.phi[0] - s.phi[2] - p.delta_star["13"])
+    sine_24 = jnp.sin(s.phi[1] - s.phi[3] - p.delta_star["24"])
+    sine_14 = jnp.sin(s.phi[0] - s.phi[3] - p.delta_star["14"])
+    sine_23 = jnp.sin(s.phi[1] - s.phi[2] - p.delta_star["23"])
     hold_13 = coupling * jnp.sin(s.phi[0] - s.phi[2] - s.held_lead)
     hold_24 = coupling * jnp.sin(s.phi[1] - s.phi[3] - s.held_lead)
     pull = [
-        -p.K_12 * fore - hold_13 - (p.K_13 * sine_13 + p.K_14 * sine_14),
-        p.K_21 * fore - hold_24 - (p.K_24 * sine_24 + p.K_23 * sine_23),
-        -p.K_34 * hind + hold_13 + (p.K_31 * sine_13 + p.K_32 * sine_23),
-        p.K_43 * hind + hold_24 + (p.K_42 * sine_24 + p.K_41 * sine_14),
+        -p.K["12"] * fore - hold_13 - (p.K["13"] * sine_13 + p.K["14"] * sine_14),
+        p.K["21"] * fore - hold_24 - (p.K["24"] * sine_24 + p.K["23"] * sine_23),
+        -p.K["34"] * hind + hold_13 + (p.K["31"] * sine_13 + p.K["32"] * sine_23),
+        p.K["43"] * hind + hold_24 + (p.K["42"] * sine_24 + p.K["41"] * sine_14),
     ]
     return p.omega + jnp.stack(pull)
 
@@ -93,13 +93,7 @@ def anchors(p: Params, s: State, touches: jax.Array, at: jax.Array) -> jax.Array
     return jnp.where(anew[:, None], at, s.anchor)
 
 
-def landing_points(
-    p: Params,
-    s: State,
-    late: jax.Array,
-    desired: tuple[jax.Array, jax.Array],
-    actual: tuple[jax.Array, jax.Array],
-) -> tuple[jax.Array, jax.Array]:
+def landing_points(p: Params, s: State, late: jax.Array, desired: Point, actual: Point) -> Point:
     """X and z (4,), m, of the points (LP) at which the stance lines of landing limbs begin.
 
     A limb that lands late without a reset goes on along the line from the AEP to the PEP.
@@ -117,7 +111,7 @@ def landing_points(
     return jnp.where(onwards, path.PEP + path.D, x), jnp.where(onwards, -path.H, z)
 
 
-def desired_velocities(p: Params, s: State, coupling: jax.Array) -> tuple[jax.Array, jax.Array]:
+def desired_velocities(p: Params, s: State, coupling: jax.Array) -> Point:
     """Time derivatives of the desired x and z of the feet, (4,) m/s each.
 
     Args:
@@ -135,9 +129,9 @@ def after_events(
     p: Params,
     s: State,
     after: Transitions,
-    landing: tuple[jax.Array, jax.Array],
-    since_corner: jax.Array | float = 0.0,
-    since_switch: jax.Array | float = 0.0,
+    landing: Point,
+    since_corner: Scalar = 0.0,
+    since_switch: Scalar = 0.0,
 ) -> State:
     """The state after the transitions of its limbs, without the update of anchors.
 
@@ -164,7 +158,7 @@ def after_events(
 
 
 def _with_stride(
-    p: Params, s: State, after: Transitions, since_landing: jax.Array, since_switch: jax.Array | float
+    p: Params, s: State, after: Transitions, since_landing: jax.Array, since_switch: Scalar
 ) -> State:
     """The state with the averages of the stride, which ends where the limb `STRIDE_LIMB` lands.
 

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from gaitsweep.contract import FixedStepDynamics
 from gaitsweep.dynamics import evaluated_in
 from gaitsweep.papers.aoi2011.waist_quadruped.bodies import WaistBody
-from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import LATE
+from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import LATE, Point
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import RELEASE_HEIGHT, WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.rhythm import (
     Transitions,
@@ -128,7 +128,7 @@ def _crossings(p: Params, s: State, at: jax.Array, speed: jax.Array, dt: jax.Arr
 
 
 def _with_events(
-    p: Params, s: State, crossings: _Crossings, actual: tuple[jax.Array, jax.Array]
+    p: Params, s: State, crossings: _Crossings, actual: Point
 ) -> tuple[State, jax.Array, jax.Array]:
     """The state after the events, and the desired x and z (4,) m of the feet.
 

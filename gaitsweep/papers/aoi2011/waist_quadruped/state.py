@@ -41,28 +41,19 @@ _LINKS = 8  # of the limbs
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Params:
-    """Parameters as in the equations; units as in `PARAMETERS`."""
+    """Parameters as in the equations; units as in `PARAMETERS`.
 
+    `K` has the gain with which limb j pulls limb i, K_ij, and `delta_star` the desired lead of limb i over
+    limb j, i < j, both by the two numbers, such as "12". `gait_centres` and `gait_widths` (3,) are those of
+    walk, trot and pace.
+    """
+
+    K: dict[str, jax.Array]
+    delta_star: dict[str, jax.Array]
+    gait_centres: jax.Array
+    gait_widths: jax.Array
     beta: jax.Array
     T_sw: jax.Array
-    K_12: jax.Array
-    K_21: jax.Array
-    K_34: jax.Array
-    K_43: jax.Array
-    K_13: jax.Array
-    K_31: jax.Array
-    K_24: jax.Array
-    K_42: jax.Array
-    K_14: jax.Array
-    K_41: jax.Array
-    K_23: jax.Array
-    K_32: jax.Array
-    delta_star_12: jax.Array
-    delta_star_34: jax.Array
-    delta_star_13: jax.Array
-    delta_star_24: jax.Array
-    delta_star_14: jax.Array
-    delta_star_23: jax.Array
     resetting: jax.Array
     T_grow: jax.Array
     T_hold: jax.Array
@@ -79,12 +70,6 @@ class Params:
     landing_actual: jax.Array
     swing_ease: jax.Array
     anchor_kept: jax.Array
-    walk_centre: jax.Array
-    walk_width: jax.Array
-    trot_centre: jax.Array
-    trot_width: jax.Array
-    pace_centre: jax.Array
-    pace_width: jax.Array
     omega: jax.Array  # rad/s
     phi_AEP: jax.Array  # rad
     mechanics: WaistMechanics
@@ -185,32 +170,14 @@ def initial_state(p: Params, lead: jax.Array) -> State:
     x, z = path.target(phi, segment, (path.x_c, -path.H))
     q = _standing(p, x, z)
     at, _ = p.mechanics.feet(q, jnp.zeros(15, q.dtype))
+    true, none = jnp.ones((), bool), jnp.zeros(4, q.dtype)
     return State(
-        q=q,
-        v=jnp.zeros(15, q.dtype),
-        phi=phi,
-        clock=zero,
-        growing=jnp.ones((), bool),
-        held=jnp.ones((), bool),
-        contact=jnp.ones(4, bool),
-        anchor=at[:, :2],
-        segment=segment,
-        lifted=jnp.zeros(4, bool),
-        landing_x=x,
-        landing_z=z,
-        height=p.mechanics.heights(at),
-        gain=jnp.zeros(4, q.dtype),
-        closed=jnp.zeros((), bool),
-        held_lead=lead,
-        stride_x=q[0],
-        stride_t=zero,
-        speed=zero,
-        period=zero,
-        stood=jnp.zeros(4, q.dtype),
-        landed=jnp.zeros(4, q.dtype),
-        duty=jnp.ones(4, q.dtype),
-        touchdowns=jnp.zeros(4, q.dtype),
-    )
+        q=q, v=jnp.zeros(15, q.dtype), phi=phi, clock=zero, growing=true, held=true, held_lead=lead,
+        contact=jnp.ones(4, bool), anchor=at[:, :2], segment=segment, lifted=jnp.zeros(4, bool),
+        landing_x=x, landing_z=z, height=p.mechanics.heights(at), gain=none, closed=~true,
+        stride_x=q[0], stride_t=zero, speed=zero, period=zero,
+        stood=none, landed=none, duty=jnp.ones(4, q.dtype), touchdowns=none,
+    )  # fmt: skip
 
 
 def _standing(p: Params, x: jax.Array, z: jax.Array) -> jax.Array:

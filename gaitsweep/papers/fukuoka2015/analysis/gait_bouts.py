@@ -21,6 +21,8 @@ from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, FAMILIES, family
 
+Samples = Float[np.ndarray, " samples"]
+
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
 # are not required, since the first of two onsets between crossings, as in a trot, is not known.
 WHILE_RAMPING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
@@ -266,12 +268,9 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     return gaits.assign(once=amplitudes[:, 0], twice=amplitudes[:, 1])
 
 
-def harmonics(
-    phase: Float[np.ndarray, " samples"], signal: Float[np.ndarray, " samples"]
-) -> tuple[float, float]:
+def harmonics(phase: Samples, signal: Samples) -> tuple[float, float]:
     """The amplitudes of a signal at once and twice the frequency of its phase (cycles), in its unit."""
-    once = 2.0 * np.abs(np.mean(signal * np.exp(-2j * np.pi * phase)))
-    twice = 2.0 * np.abs(np.mean(signal * np.exp(-4j * np.pi * phase)))
+    once, twice = (2.0 * np.abs(np.mean(signal * np.exp(-2j * n * np.pi * phase))) for n in (1, 2))
     return float(once), float(twice)
 
 

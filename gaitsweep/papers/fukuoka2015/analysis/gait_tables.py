@@ -226,9 +226,11 @@ def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
         sets: the columns that define a parameter set.
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or `sets` is empty.
     """
     require(table, *sets, "gait", "speed_end", "status")
+    if not sets:
+        raise AnalysisError("sets is empty: name the columns that define a parameter set.")
     keys = list(sets)
     fell = Status.FAILED.among(table["status"])
     name = np.where(fell, "", table["gait"].astype(str))

@@ -10,7 +10,7 @@ Source: Fukuoka, Habu and Fukui 2015, Sci. Rep. 5:8169, Fig. 5 and 6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,24 +23,21 @@ from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS, onsets_o
 from gaitsweep.papers.fukuoka2015.planar_quadruped.cycle import LATE_STANCE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, THRESHOLD
 
+Cycles = Float[np.ndarray, " cycles"]
+Onsets = Float[np.ndarray, " onsets"]
+Records = Float[np.ndarray, " records"]
+
 _MAX_ONSET_LAG = 0.25  # cycles; largest distance of an onset from its expected time
 
 
-class Measure(NamedTuple):
-    """A measure of load or pitch in a pair's stance that the rule relates to its shift."""
-
-    meaning: str
-    unit: str
-
-
-# By the rule each of them has the opposite sign of delta.
+# Meaning and unit of each measure of load or pitch in a pair's stance; by the rule it has the sign of -delta.
 MEASURES = {
-    "load_together": Measure("load, fore less hind, before the first of the two swings", "N"),
-    "load_late": Measure("load, fore less hind, each in its own late stance", "N"),
-    "load_stance": Measure("mean load in stance, fore less hind", "N"),
-    "tilt_together": Measure("pitch before the first of the two swings, nose down", "rad"),
-    "tilt_late": Measure("pitch in late stance, mean of the two legs', nose down", "rad"),
-    "tilt_stance": Measure("mean pitch in stance, mean of the two legs', nose down", "rad"),
+    "load_together": ("load, fore less hind, before the first of the two swings", "N"),
+    "load_late": ("load, fore less hind, each in its own late stance", "N"),
+    "load_stance": ("mean load in stance, fore less hind", "N"),
+    "tilt_together": ("pitch before the first of the two swings, nose down", "rad"),
+    "tilt_late": ("pitch in late stance, mean of the two legs', nose down", "rad"),
+    "tilt_stance": ("mean pitch in stance, mean of the two legs', nose down", "rad"),
 }
 
 
@@ -124,9 +121,7 @@ class _Stances:
         integral = scipy.integrate.cumulative_trapezoid
         self._sums = {name: integral(value, self._t, initial=0) for name, value in sums.items()}
 
-    def over(
-        self, name: str, begin: Float[np.ndarray, " cycles"], end: Float[np.ndarray, " cycles"]
-    ) -> Float[np.ndarray, " cycles"]:
+    def over(self, name: str, begin: Cycles, end: Cycles) -> Cycles:
         """The integral of a signal over intervals of time, N s or rad s.
 
         Args:
@@ -136,12 +131,7 @@ class _Stances:
         sums = self._sums[name]
         return np.interp(end, self._t, sums) - np.interp(begin, self._t, sums)
 
-    def of_pair(
-        self,
-        legs: tuple[str, str],
-        begins: tuple[Float[np.ndarray, " fore_onsets"], Float[np.ndarray, " hind_onsets"]],
-        delta: float,
-    ) -> dict[str, float]:
+    def of_pair(self, legs: tuple[str, str], begins: tuple[Onsets, Onsets], delta: float) -> dict[str, float]:
         """The measures of a pair, averaged over its cycles.
 
         Args:
@@ -152,9 +142,9 @@ class _Stances:
         Returns:
             The values of `MEASURES` (N, rad); none if no cycle is recorded from its start.
         """
-        cycles = _cycles_of_pair(*begins, delta)
-        recorded = np.minimum(cycles.fore, cycles.hind) - cycles.period >= self._t[0]
-        fore, hind, period = (values[recorded] for values in cycles)
+        fore, hind, period = _cycles_of_pair(*begins, delta)
+        recorded = np.minimum(fore, hind) - period >= self._t[0]
+        fore, hind, period = fore[recorded], hind[recorded], period[recorded]
         if not len(fore):
             return {}
         first = np.minimum(fore, hind)
@@ -173,39 +163,28 @@ class _Stances:
         measures["tilt_stance"] = 0.5 * (tilt[0] + tilt[1])
         return {name: float(np.mean(value)) for name, value in measures.items()}
 
-    def _difference(
-        self,
-        legs: tuple[str, str],
-        at: tuple[Float[np.ndarray, " cycles"], Float[np.ndarray, " cycles"]],
-        late: Float[np.ndarray, " cycles"],
-    ) -> Float[np.ndarray, " cycles"]:
+    def _difference(self, legs: tuple[str, str], at: tuple[Cycles, Cycles], late: Cycles) -> Cycles:
         """The load on the fore leg less that on the hind leg, before each begins to swing, N."""
         ends = zip(legs, at, strict=True)
         fore, hind = (self.over(f"F_{leg}", end - late, end) / late for leg, end in ends)
         return fore - hind
 
 
-class _PairCycles(NamedTuple):
-    """Onsets of a fore leg, the hind leg's in the same cycles, and the durations of the cycles before, s."""
+def _cycles_of_pair(fore: Onsets, hind: Onsets, delta: float) -> tuple[Cycles, Cycles, Cycles]:
+    """Onsets of a fore leg, the hind leg's in the same cycles, and the durations of the cycles before, s.
 
-    fore: Float[np.ndarray, " cycles"]
-    hind: Float[np.ndarray, " cycles"]
-    period: Float[np.ndarray, " cycles"]
-
-
-def _cycles_of_pair(
-    fore: Float[np.ndarray, " fore_onsets"], hind: Float[np.ndarray, " hind_onsets"], delta: float
-) -> _PairCycles:
-    """The cycles of a pair with the shift delta (cycles), from all onsets of its legs (s)."""
-    none = np.zeros(0)
+    Args:
+        fore, hind: all onsets of the two legs, s.
+        delta: the pair's shift, cycles.
+    """
     if len(fore) < 2 or not len(hind):
-        return _PairCycles(none, none, none)
+        return np.zeros(0), np.zeros(0), np.zeros(0)
     period = np.diff(fore)
     fore = fore[1:]
     due = fore + delta * period
     nearest = hind[np.abs(hind[None, :] - due[:, None]).argmin(axis=1)]
     belongs = np.abs(nearest - due) < _MAX_ONSET_LAG * period
-    return _PairCycles(fore[belongs], nearest[belongs], period[belongs])
+    return fore[belongs], nearest[belongs], period[belongs]
 
 
 WALKS = ("L-walk", "D-walk")
@@ -263,11 +242,10 @@ def _judged(pairs: pd.DataFrame, name: str, case: Int[np.ndarray, " pairs"], lea
     delta = pairs["delta"].to_numpy(float)
     finite = np.isfinite(x)
     x, delta, case = x[finite], delta[finite], case[finite]
-    pearson = correlation(x, delta, case)
+    r, r_low, r_high = correlation(x, delta, case)
     shifted = np.abs(delta) > least
     right = x[shifted] * delta[shifted] < 0.0
-    result = {"pairs": len(x), "cases": len(np.unique(case))}
-    result |= {"r": pearson.r, "r_low": pearson.low, "r_high": pearson.high}
+    result = {"pairs": len(x), "cases": len(np.unique(case)), "r": r, "r_low": r_low, "r_high": r_high}
     result |= {"shifted": int(shifted.sum()), "right": np.nan, "right_low": np.nan, "right_high": np.nan}
     if shifted.any():
         share = float(right.mean())
@@ -340,17 +318,7 @@ def wilson_interval(share: float, draws: int) -> tuple[float, float]:
     return 0.0 if share == 0 else float(middle - half), 1.0 if share == 1 else float(middle + half)
 
 
-class Correlation(NamedTuple):
-    """Pearson's r, and the ends of its interval."""
-
-    r: float
-    low: float
-    high: float
-
-
-def correlation(
-    x: Float[np.ndarray, " records"], y: Float[np.ndarray, " records"], case: Int[np.ndarray, " records"]
-) -> Correlation:
+def correlation(x: Records, y: Records, case: Int[np.ndarray, " records"]) -> tuple[float, float, float]:
     """Pearson's r with the ends of its bootstrap interval over cases; NaN for fewer than three cases.
 
     Args:
@@ -360,7 +328,7 @@ def correlation(
     _, case = np.unique(case, return_inverse=True)
     count = int(case.max(initial=-1)) + 1
     if count < 3:
-        return Correlation(np.nan, np.nan, np.nan)
+        return np.nan, np.nan, np.nan
     x, y = x - x.mean(), y - y.mean()  # avoids cancellation
     terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
     sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
@@ -369,7 +337,7 @@ def correlation(
     r = _pearson(sums.sum(axis=0)[None])[0]
     tails = 50.0 * (1.0 - LEVEL)
     low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
-    return Correlation(float(r), float(low), float(high))
+    return float(r), float(low), float(high)
 
 
 def _parts(count: int) -> list[int]:

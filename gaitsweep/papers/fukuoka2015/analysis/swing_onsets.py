@@ -24,6 +24,9 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
 )
 from gaitsweep.status import Status
 
+RowNumbers = Int[np.ndarray, " onsets"]
+Phases = Float[np.ndarray, " onsets"]
+OfRows = Float[np.ndarray, " rows"]
 FLEXORS = {leg: f"u_f_{leg}" for leg in LEGS}  # the columns of the legs' flexors
 SINCE = "since_{}_n"  # the column of a leg's time since its last onset
 _ONSET_TOLERANCE = 1e-6  # s; two records of one onset differ by rounding errors alone
@@ -236,12 +239,12 @@ def _cycles(records: pd.DataFrame, count: int) -> tuple[pd.DataFrame, pd.DataFra
     return records, pd.DataFrame(table | {"variation": np.sqrt(variance) / period, "skipped": skipped})
 
 
-def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, Float[np.ndarray, " rows"]]:
+def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, OfRows]:
     """Shifts and phases of each of `count` rows, with their resultant lengths and spreads."""
     by_leg = {leg: cycles.loc[cycles["leg"] == leg, ["row", "t", "lasts"]].sort_values("t") for leg in LEGS}
-    columns: dict[str, Float[np.ndarray, " rows"]] = {}
+    columns: dict[str, OfRows] = {}
 
-    def add(name: str, leg: str, other: str, lowest: float) -> Float[np.ndarray, " rows"]:
+    def add(name: str, leg: str, other: str, lowest: float) -> OfRows:
         """Add the mean phase of a leg in the cycles of another, from `lowest`, its length and spread."""
         mean, length = _mean(*_phases(by_leg[leg], by_leg[other]), count)
         columns[name] = (mean - lowest) % 1.0 + lowest
@@ -260,9 +263,7 @@ def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, Float[np.ndarray, " r
     return columns
 
 
-def _phases(
-    onsets: pd.DataFrame, others: pd.DataFrame
-) -> tuple[Int[np.ndarray, " onsets"], Float[np.ndarray, " onsets"]]:
+def _phases(onsets: pd.DataFrame, others: pd.DataFrame) -> tuple[RowNumbers, Phases]:
     """The rows of one leg's onsets within cycles of another, and their phases there, in [0, 1)."""
     begins = others.dropna()
     begins = begins.assign(begin=begins["t"])  # of `others`, an empty frame would take all its rows again
@@ -272,9 +273,7 @@ def _phases(
     return pairs["row"].to_numpy()[inside], phase[inside]
 
 
-def _mean(
-    row: Int[np.ndarray, " onsets"], phase: Float[np.ndarray, " onsets"], count: int
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+def _mean(row: RowNumbers, phase: Phases, count: int) -> tuple[OfRows, OfRows]:
     """The circular mean of each row's phases, cycles, and its resultant length; NaN if none."""
     angle = 2.0 * math.pi * phase
     x, y = np.bincount(row, np.cos(angle), count), np.bincount(row, np.sin(angle), count)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
@@ -16,7 +15,6 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS
 from gaitsweep.plot import PlannedTable, Refusal, theme, written
 
 ORDER = (*extension.gait_styles, "none")
-NAMES = MappingProxyType({"none": "none of them, or fallen"})
 
 
 def colour_of(gait: str) -> str:
@@ -42,7 +40,7 @@ def marker_of(gait: str) -> str:
 def label_of(gait: str) -> str:
     """The label of a gait, or of no gait, in legends and along axes."""
     label = theme.named(gait)
-    return NAMES.get(label, label)
+    return "none of them, or fallen" if label == "none" else label
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

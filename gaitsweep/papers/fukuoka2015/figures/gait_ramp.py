@@ -50,6 +50,9 @@ from gaitsweep.plot import (
 )
 from gaitsweep.status import Status
 
+Windows = Float[np.ndarray, " windows"]
+Areas = Mapping[str, dict[str, Any]]
+
 _BAR = 0.36
 _LABEL_ROOM = 1.4  # inches; of rows' names beside the bars
 _LETTER_WIDTH = 0.065  # inches; width of a letter of a gait's name
@@ -116,7 +119,7 @@ def gait_ramp(
     return figure
 
 
-def _key(areas: Mapping[str, dict[str, Any]]) -> list[Patch]:
+def _key(areas: Areas) -> list[Patch]:
     """The legend: one area for each colour, since both sides of a gait share it."""
     handles = [Patch(label=_kind(gait), **areas[gait]) for gait in theme.ordered(ORDER) if gait in areas]
     return list({handle.get_facecolor(): handle for handle in handles}.values())
@@ -128,12 +131,10 @@ def _names(part: pd.DataFrame, panels: str | None) -> dict[Any, str]:
     rows_by_name: dict[str, list[Any]] = {}
     for row, name in names.items():
         # a name without a value is the row's number, which says nothing of its parameters
-        rows_by_name.setdefault(name if "=" in name else "", []).append(row)
+        rows_by_name.setdefault(f"{name}, " if "=" in name else "", []).append(row)
     for name, rows in rows_by_name.items():
-        if len(rows) == 1:
-            continue
-        for number, row in enumerate(rows, start=1):
-            names[row] = f"{name}, start {number}" if name else f"start {number}"
+        if len(rows) > 1:
+            names |= {row: f"{name}start {number}" for number, row in enumerate(rows, start=1)}
     return names
 
 
@@ -152,7 +153,7 @@ def _panel(
     along: pd.DataFrame,
     rows: Sequence[tuple[Any, str]],
     parameter: str,
-    areas: Mapping[str, dict[str, Any]],
+    areas: Areas,
     *,
     measured_speed: bool,
 ) -> None:
@@ -178,14 +179,7 @@ def _panel(
     axes.spines["left"].set_visible(False)
 
 
-def _bar(
-    axes: Axes,
-    at: Float[np.ndarray, " windows"],
-    t: Float[np.ndarray, " windows"],
-    gaits: Sequence[str],
-    height: float,
-    areas: Mapping[str, dict[str, Any]],
-) -> None:
+def _bar(axes: Axes, at: Windows, t: Windows, gaits: Sequence[str], height: float, areas: Areas) -> None:
     """One pass: its windows reach half way to their neighbours, but not over missing windows.
 
     A gait has its name where its bar has room for it.
@@ -212,9 +206,8 @@ def _bar(
 
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
-_HIDING_DISTANCE = (
-    0.02  # distance below which points would hide each other, as a share of the range of speeds
-)
+# Distance below which points would hide each other, as a share of the range of speeds.
+_HIDING_DISTANCE = 0.02
 
 
 def _check_bands(figure: Any, table: PlannedTable) -> Iterator[Refusal]:

@@ -157,7 +157,8 @@ def gait_series(
             gaits |= _draw(dict(zip(kinds, grid, strict=True)), part, along, heading, wide)
         if not parts:
             theme.message(outer[0].subplots(), "No sample of these rows was recorded in this time.")
-        bouts = [] if along is None else _handles_of_bouts(along, gaits)
+        areas = {} if along is None else areas_of(along["gait"].astype(str))
+        bouts = [Patch(label=label_of(gait), **areas[gait]) for gait in ORDER if gait in gaits]
         theme.legend(figure, [*_handles_of_samples(parts), *bouts], ncols=5)
     return figure
 
@@ -167,15 +168,9 @@ def _handles_of_samples(parts: Sequence[pd.DataFrame]) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = []
     for leg in LEGS:
         handles.append(Line2D([], [], color=leg_colours()[leg], ls=_line(leg), lw=1.6, label=LIMBS[leg].name))
-    if any(map(_flies, parts)):
+    if any((part[list(CONTACTS.values())].max(axis=1) < 0.5).any() for part in parts):
         handles.append(Patch(color=FLIGHT, label="flight: no foot on the ground"))
     return handles
-
-
-def _handles_of_bouts(along: pd.DataFrame, gaits: set[str]) -> list[Patch]:
-    """The legend's entries for the bars of the drawn gaits, coloured as among all gaits of `along`."""
-    areas = areas_of(along["gait"].astype(str))
-    return [Patch(label=label_of(gait), **areas[gait]) for gait in ORDER if gait in gaits]
 
 
 def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | None) -> list[pd.DataFrame]:
@@ -198,11 +193,6 @@ def _strips(table: pd.DataFrame, window: Sequence[float] | None, strip: float | 
 def _line(leg: str) -> str | tuple[int, tuple[int, int]]:
     """The line style of a leg: dashed for hind legs, whose colours are like those of fore legs in grey."""
     return (0, (4, 1)) if LIMBS[leg].pair else "-"
-
-
-def _flies(part: pd.DataFrame) -> bool:
-    """Whether there is an instant without a foot on the ground."""
-    return bool((part[list(CONTACTS.values())].max(axis=1) < 0.5).any())
 
 
 def _heading(table: pd.DataFrame, part: pd.DataFrame, number: int, titles: Sequence[str] | None) -> str:

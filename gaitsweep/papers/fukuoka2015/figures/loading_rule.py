@@ -126,7 +126,6 @@ def _panel(axes: Axes, pairs: pd.DataFrame, name: str, agreement: Mapping[Any, A
         axes.fill_between([left, left + reach], low, low + height - THRESHOLD, **style)
     for line in (axes.axhline, axes.axvline):
         line(0.0, color="#AAAAAA", lw=0.5, zorder=1)
-    measure = MEASURES[name]
-    axes.set_xlabel("\n".join(textwrap.wrap(f"{measure.meaning} ({measure.unit})", 30)))
+    axes.set_xlabel("\n".join(textwrap.wrap("{} ({})".format(*MEASURES[name]), 30)))
     share = f"sign right {theme.percent(agreement['right'])} %" if agreement["shifted"] else "no pair shifted"
     axes.set_title(f"r = {agreement['r']:.2f}, {share}".replace("-", "\u2212"))

@@ -5,6 +5,4 @@ and the running measurement of its cycles (`cycle.py`), by which `nine_gaits.py`
 `observables.py` has what is read at the section, with the cost of transport, and the signals.
 """
 
-from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
-
-__all__ = ["PlanarQuadruped"]
+from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped as PlanarQuadruped

@@ -245,6 +245,8 @@ def _with_step(
     now = c.clock + dt
     lands = down & (c.clock - c.loaded >= MIN_AIR_TIME)
     first = c.landed < c.onset
+    # in the last part of a cycle that is as long as the one before
+    late = c.clock >= c.onset + (1.0 - LATE_STANCE) * c.period
     return dataclasses.replace(
         c,
         clock=now,
@@ -253,7 +255,7 @@ def _with_step(
         landed=jnp.where(lands & first, now, c.landed),
         irregular=jnp.where(lands & ~first, now, c.irregular),
         stance=c.stance.with_step(stands, load, pitch, dt),
-        late=c.late.with_step(stands & _in_late_part(c), load, pitch, dt),
+        late=c.late.with_step(stands & late, load, pitch, dt),
         pitch_sum=c.pitch_sum + dt * pitch,
         pitch_low=jnp.minimum(c.pitch_low, pitch),
         pitch_high=jnp.maximum(c.pitch_high, pitch),
@@ -261,11 +263,6 @@ def _with_step(
         aloft=c.aloft + jnp.where(jnp.max(load) > 0.0, 0.0, dt),
         work=c.work + work,
     )
-
-
-def _in_late_part(c: Cycle) -> jax.Array:
-    """Whether each leg is in the last part of its cycle, if that is as long as the one before, (4,)."""
-    return c.clock >= c.onset + (1.0 - LATE_STANCE) * c.period
 
 
 def _with_onsets(c: Cycle, before: jax.Array, after: jax.Array, dt: jax.Array) -> Cycle:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from functools import cache
 from importlib import resources
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -90,15 +89,15 @@ class PlanarMechanics:
         stacked = {name: jnp.stack([jnp.asarray(row) for row in rows[name]]) for name in rows}
         return dataclasses.replace(of_mjcf, **stacked, damping=damping, armature=dt * damping)
 
-    def _lower(self) -> _LowerLeg:
-        """A lower leg with its foot."""
+    def _lower(self) -> tuple[Scalar, Scalar, Scalar]:
+        """Mass (kg) of a lower leg with its foot, centre of mass above the sole (m), inertia (kg m2)."""
         shin, foot = self.lower_mass, self.foot_mass
         mass = shin + foot
         d = 0.5 * self.lower_length  # between the centres of the shin and of the foot
         inertia = capsule_inertia(shin, self.lower_length, LOWER_RADIUS)
         inertia = inertia + 0.4 * foot * self.foot_radius * self.foot_radius
         com = self.foot_radius + shin / mass * d
-        return _LowerLeg(mass, com, inertia + shin * foot / mass * d * d)
+        return mass, com, inertia + shin * foot / mass * d * d
 
     def total_mass(self) -> jax.Array:
         """The mass of the torso and four legs, kg."""
@@ -107,14 +106,6 @@ class PlanarMechanics:
     def gravity(self) -> jax.Array:
         """The acceleration of gravity in the world (3,), m/s2."""
         return _along(2, -self.g)
-
-
-class _LowerLeg(NamedTuple):
-    """A lower leg with its foot: mass (kg), centre of mass above the sole (m), inertia there (kg m2)."""
-
-    mass: Scalar
-    com: Scalar
-    inertia: Scalar
 
 
 def capsule_inertia(mass: Scalar, length: Scalar, radius: float) -> Scalar:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import ClassVar
 
 import jax
@@ -82,17 +83,7 @@ class PlanarQuadruped(PlanarDrawing, SteppedModel):
 
     name: ClassVar[str] = "planar_quadruped"
     source: ClassVar[str] = "Fukuoka, Habu, Fukui 2015, Sci. Rep. 5:8169"
-    bibtex: ClassVar[str] = """\
-@article{fukuoka2015,
-  author = {Fukuoka, Yasuhiro and Habu, Yasushi and Fukui, Takahiro},
-  title = {A simple rule for quadrupedal gait generation determined by leg loading feedback: a modeling
-    study},
-  journal = {Scientific Reports},
-  year = {2015},
-  volume = {5},
-  pages = {8169},
-  doi = {10.1038/srep08169}
-}"""
+    bibtex: ClassVar[str] = Path(__file__).parents[1].joinpath("paper.bib").read_text(encoding="utf-8")
     gaits: ClassVar[tuple[str, ...]] = (*CHART, "unsteady")
 
     def __post_init__(self) -> None:

@@ -112,8 +112,8 @@ SIGNALS = (
 def observed(params: Params, state: State) -> dict[str, jax.Array]:
     """The observables of a state at the end of LF's cycle."""
     c = state.cycle
-    shifts = c.shifts()[0]
-    (mean, landed) = c.average.shifts()
+    mean, landed = c.average.shifts()
+    pairs = {"delta_{}": c.shifts()[0], "delta_{}_mean": mean, "delta_{}_touchdown": landed}
     lengths = c.average.lengths().min(axis=1)
     once, twice = c.average.pitch_shares()
     of_legs = {
@@ -129,15 +129,10 @@ def observed(params: Params, state: State) -> dict[str, jax.Array]:
     cost = jnp.where(moves, c.power.sum() / (weight * jnp.where(moves, travelled, 1.0)), 0.0)
     between = mean[2] + 0.5 * (mean[1] - mean[0])
     return {
-        "delta_1": shifts[0],
-        "delta_2": shifts[1],
+        **{name.format(i + 1): values[i] for name, values in pairs.items() for i in range(len(PAIRS))},
         "speed": c.speed,
         "period": c.period[LF],
         "flight": c.flight,
-        "delta_1_mean": mean[0],
-        "delta_2_mean": mean[1],
-        "delta_1_touchdown": landed[0],
-        "delta_2_touchdown": landed[1],
         "antiphase": between - jnp.floor(between),
         "length": lengths[0],
         "length_touchdown": lengths[1],
