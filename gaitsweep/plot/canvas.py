@@ -274,6 +274,31 @@ def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> li
     return list(cells[:count])
 
 
+def stacked_panels(
+    figure: Figure, grid: tuple[int, int], count: int, heights: Sequence[float]
+) -> list[list[Axes]]:
+    """A grid of panels of several axes above each other: for each of these heights, the axes of all panels.
+
+    Panels share the horizontal axis, and each of their vertical axes with those beside it.
+
+    Args:
+        figure: that of `canvas`.
+        grid: rows and columns of panels, the result of `shape`.
+        count: number of panels.
+        heights: heights of the axes of a panel, relative to each other.
+    """
+    down, across = grid
+    options: dict[str, Any] = {"sharex": True, "squeeze": False, "height_ratios": [*heights] * down}
+    cells = figure.subplots(len(heights) * down, across, **options)
+    layers = [cells[layer :: len(heights)].ravel() for layer in range(len(heights))]
+    for layer in layers:
+        for axes in layer[count:]:
+            axes.remove()
+        for axes in layer[1:count]:
+            axes.sharey(layer[0])
+    return [list(layer[:count]) for layer in layers]
+
+
 def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str = "", y: str = "") -> None:
     """Label axes that panels share, once where there is a middle: of their columns, and of their rows.
 

@@ -161,8 +161,14 @@ def _draw_panel(
         theme.message(axes, f"This row was recorded from {first:.4g} to {last:.4g} s only.")
         return _Drawn(set(), [])
     contacts = [contact_intervals(t, samples[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    hops = [float(gap) for starts, stops in contacts for gap in _hops(starts, stops, low, high)]
-    stances = [_without_hops(starts, stops) for starts, stops in contacts]
+    gaps = [starts[1:] - stops[:-1] for starts, stops in contacts]
+    swings = [of_leg > _HOP * of_leg.max(initial=0.0) for of_leg in gaps]
+    hops = [
+        float(gap)
+        for (starts, stops), of_leg, swing in zip(contacts, gaps, swings, strict=True)
+        for gap in of_leg[~swing & (stops[:-1] >= low) & (starts[1:] <= high)]
+    ]
+    stances = [joined_stances(*contact, swing) for contact, swing in zip(contacts, swings, strict=True)]
     for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
         bars = list(zip(starts, stops - starts, strict=True))
         axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
@@ -200,25 +206,13 @@ def contact_intervals(
     return edges[turns[::2]], edges[turns[1::2]]
 
 
-def _without_hops(
-    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"]
-) -> tuple[Float[np.ndarray, " kept"], Float[np.ndarray, " kept"]]:
-    """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
-    gaps = starts[1:] - stops[:-1]
-    if not len(gaps):
-        return starts, stops
-    swing = gaps > _HOP * gaps.max()
-    return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
-
-
-def _hops(
-    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"], low: float, high: float
-) -> Float[np.ndarray, " hops"]:
-    """The durations, s, of the losses of contact from `low` to `high` that `_without_hops` fills."""
-    gaps = starts[1:] - stops[:-1]
-    if not len(gaps):
-        return gaps
-    return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
+def joined_stances(
+    starts: Float[np.ndarray, " stances"],
+    stops: Float[np.ndarray, " stances"],
+    swings: Bool[np.ndarray, " gaps"],
+) -> Stances:
+    """The stances of a leg, with the losses of contact between them filled that are no `swings`."""
+    return (starts[np.r_[True, swings]], stops[np.r_[swings, True]]) if len(starts) else (starts, stops)
 
 
 def _period(stances: Sequence[Stances], beginning: float) -> float | None:

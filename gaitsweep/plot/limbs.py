@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -11,28 +10,14 @@ from matplotlib.colors import to_hex, to_rgb
 
 from gaitsweep import models
 from gaitsweep.contract import Model
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.skeleton import Limb, LimbLook
 
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FAR = 0.45  # share of white in the colour of the far limb of a pair
 _ALIKE = "#000000"  # of limbs that are all of one pair and side, whose colours could not tell them apart
 
 
-class LimbOfPair(Protocol):
-    """A limb of a pair, on the near or the far side: a `Limb` or a `LimbLook`."""
-
-    @property
-    def pair(self) -> int:
-        """The number of its pair, from 0."""
-        ...
-
-    @property
-    def far(self) -> bool:
-        """Whether it is on the side away from the viewer."""
-        ...
-
-
-def limb_colours(limbs: Iterable[LimbOfPair]) -> list[str]:
+def limb_colours(limbs: Iterable[Limb | LimbLook]) -> list[str]:
     """A colour for each limb: that of its pair, lighter on the far side; black if all are equal."""
     sides = [(limb.pair, limb.far) for limb in limbs]
     if len(set(sides)) == 1:

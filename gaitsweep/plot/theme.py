@@ -10,6 +10,7 @@ from gaitsweep.plot.canvas import label_panels as label_panels
 from gaitsweep.plot.canvas import message as message
 from gaitsweep.plot.canvas import panels as panels
 from gaitsweep.plot.canvas import shape as shape
+from gaitsweep.plot.canvas import stacked_panels as stacked_panels
 from gaitsweep.plot.canvas import width_of as width_of
 from gaitsweep.plot.figure_layout import points as points
 from gaitsweep.plot.figure_layout import wrapped as wrapped

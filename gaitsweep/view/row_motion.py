@@ -21,7 +21,7 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.column_labels import written
 from gaitsweep.plot.columns import rows_where
-from gaitsweep.plot.footprint_diagrams import contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals, joined_stances
 from gaitsweep.runs.prepare import prepare
 from gaitsweep.status import Status
 from gaitsweep.table import load
@@ -217,10 +217,7 @@ def _touchdowns(
 ) -> Float[np.ndarray, " touchdowns"]:
     """The touchdowns of a foot, s, without swings and stances shorter than `shortest` s."""
     starts, stops = contact_intervals(t, contact)
-    if not len(starts):
-        return starts
-    swings = starts[1:] - stops[:-1] >= shortest
-    starts, stops = starts[np.r_[True, swings]], stops[np.r_[swings, True]]
+    starts, stops = joined_stances(starts, stops, starts[1:] - stops[:-1] >= shortest)
     return starts[(stops - starts >= shortest) & (starts > t[0])]
 
 

@@ -242,14 +242,18 @@ def hysteresis(
     shown, title = theme.first_of(shown, MOST_PANELS, title)
     for panel in shown:
         if panel.table is not None:
-            _require(panel.table, parameter, [y] if x is None else [y, x])
+            require_columns(panel.table, parameter, "pass", "row")
+            for observable in (y, *([] if x is None else [x])):
+                column(panel.table, observable, ("_n", ""))
     name = column(table, y, ("_n", ""))
     if x is not None:
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
         parameter = column(table, x, ("_n", ""))
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    columns = Columns(table, name, parameter, _origin(table, name, shown))
+    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
+    values = np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables])
+    columns = Columns(table, name, parameter, origin_of(table, name, values))
     parted = [irregular_parted(panel.table, name, parameter, least or LEAST_JUMP) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
@@ -259,7 +263,11 @@ def hysteresis(
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     room = theme.width_of(width) / across - 0.8
     with theme.canvas(width, high * down + 1.0, title) as figure:
-        grid, below = _panels(figure, len(shown), down, across, strips=strips)
+        heights = (2.5, 1.0) if strips else (1.0,)
+        grid, *strip_axes = theme.stacked_panels(figure, (down, across), len(shown), heights)
+        below = strip_axes[0] if strips else grid  # the lowest axes of each panel
+        for axes in below if strips else ():
+            axes.set_label(STRIP)
         jumps = []
         for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
             jumps.append(draw_passes(grid[number], panel, branches, columns, least))
@@ -280,12 +288,6 @@ def hysteresis(
     return figure
 
 
-def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | None:
-    """The angle (rad) at which the values of all panels are cut; None if they are no angles."""
-    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
-    return origin_of(table, name, np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables]))
-
-
 def _label(
     grid: Sequence[Axes],
     below: Sequence[Axes],
@@ -298,7 +300,7 @@ def _label(
     """Label the outer axes, and write the jumps of each panel below it.
 
     Args:
-        grid, below: the panels and the lowest of each, as from `_panels`.
+        grid, below: the panels, and the lowest axes of each: the strip below it, or itself.
         columns: the columns along the axes.
         across: panels in a row.
         ticks: marked values of y, which the last panel of a row names at its right side.
@@ -318,45 +320,11 @@ def _label(
         if number + across >= len(grid):
             last = number % across == across - 1 or number == len(grid) - 1
             of_ticks = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-            _name_parameter(lowest, columns.table, columns.x, room - of_ticks)
+            label = described(columns.table, columns.x, 66, named=True)  # as the legend does
+            lowest.set_xlabel(theme.wrapped(label, room - of_ticks, 8.5))
+            lowest.tick_params(labelbottom=True)
         broken.append(_below(lowest, jumps[number], room + 0.4))
     return max(broken)
-
-
-def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) -> None:
-    """Refuse a panel's table that lacks a column.
-
-    Raises:
-        PlotError: as for `require_columns`.
-    """
-    require_columns(table, parameter, "pass", "row")
-    for observable in observables:
-        column(table, observable, ("_n", ""))
-
-
-def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float) -> None:
-    """Label the horizontal axis of a lowest panel, in `room` inches."""
-    label = described(table, parameter, 66, named=True)  # as the legend does
-    axes.set_xlabel(theme.wrapped(label, room, 8.5))
-    axes.tick_params(labelbottom=True)
-
-
-def _panels(
-    figure: Figure, count: int, down: int, across: int, *, strips: bool
-) -> tuple[Sequence[Axes], Sequence[Axes]]:
-    """The panels, and the lowest one of each: the strip below it, or itself."""
-    heights = [2.5, 1.0] * down if strips else [1.0] * down
-    cells = figure.subplots(len(heights), across, sharex=True, squeeze=False, height_ratios=heights)
-    grid = cells[::2].ravel() if strips else cells.ravel()
-    below = cells[1::2].ravel() if strips else grid
-    for axes in below if strips else ():
-        axes.set_label(STRIP)
-    for axes in {*grid[count:], *below[count:]}:
-        axes.remove()
-    for row_of_axes in (grid, below):
-        for axes in row_of_axes[1:count]:
-            axes.sharey(row_of_axes[0])
-    return list(grid[:count]), list(below[:count])
 
 
 def _name_gaits(
