@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import itertools
+import os
 from collections.abc import Iterable, Iterator
 from contextvars import ContextVar
 from typing import Literal
@@ -48,6 +49,8 @@ def spend(kind: Budgeted) -> bool:
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
     """The allowed word that is most similar to another one, without regard to case.
 
+    Of equally similar words it is one with the longest common beginning, and of these the first.
+
     Args:
         word: the word that is not allowed.
         allowed: the allowed words.
@@ -62,8 +65,13 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
     for name in itertools.islice(allowed, _MAX_COMPARED):
         if len(name) <= 2 * _LONGEST_WORD:
             by_lower.setdefault(name.lower(), name)
-    matches = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.6)
-    return by_lower[matches[0]] if matches else None
+    lower = word.lower()
+    matches = difflib.get_close_matches(lower, list(by_lower), n=_MAX_COMPARED, cutoff=0.6)
+    if not matches:
+        return None
+    similarity = {name: difflib.SequenceMatcher(None, name, lower).ratio() for name in matches}
+    most_similar = [name for name in by_lower if similarity.get(name) == similarity[matches[0]]]
+    return by_lower[max(most_similar, key=lambda name: len(os.path.commonprefix([name, lower])))]
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:

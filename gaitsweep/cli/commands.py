@@ -251,6 +251,7 @@ def _size_of(job_file: Path) -> str:
     Raises:
         JobError: the job is not valid.
     """
+    from gaitsweep.dynamics.mjcf import OfMjcf
     from gaitsweep.job import load_job
     from gaitsweep.job.row_remarks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
@@ -268,7 +269,9 @@ def _size_of(job_file: Path) -> str:
 
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     job = load_job(job_file)
-    for remark in remarks_on_rows(job.design, job.model):
+    model = job.design.model.original
+    remarks = model.remarks if isinstance(model, OfMjcf) else ()
+    for remark in (*remarks, *remarks_on_rows(job.design, job.model)):
         print_message(f"Warning: {job_file}: {remark}")
     return f"{job.design.n_rows} row{'s' * (job.design.n_rows != 1)}"
 

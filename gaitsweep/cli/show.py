@@ -14,6 +14,7 @@ from rich.table import Table
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.runs.sentences import (
     DESCRIBED,
+    IF_IT_DOES_NOT_WALK,
     REMARKS,
     axes,
     plain,
@@ -121,7 +122,7 @@ def outcome(snapshot: Snapshot) -> str:
             meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
         if str(snapshot.job.get("model")).endswith(_MODEL_FILES):
-            lines[-1] += " docs/walker.md, `If it does not walk`, helps to find a gait."
+            lines[-1] += f" {IF_IT_DOES_NOT_WALK} helps to find a gait."
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
     if stalls := manifest.get("stalls"):

@@ -10,13 +10,15 @@ from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, log_axes
 from gaitsweep.plot.figure_layout import (
     COLLAPSED,
     INCH,
@@ -174,6 +176,32 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
                 "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
                 stacklevel=2,
             )
+
+
+@contextlib.contextmanager
+def diagram(
+    table: pd.DataFrame,
+    x: str,
+    y: str,
+    title: str | None,
+    *,
+    width: float = COLUMN + 1.6,
+    height: float = 3.4,
+) -> Iterator[tuple[Figure, Axes]]:
+    """A context like `canvas`, with one panel whose axes have the labels and scales of columns.
+
+    Args:
+        table: the table.
+        x, y: its columns along the axes.
+        title: text above the figure.
+        width, height: size in inches, unless the figure's style has another.
+    """
+    with canvas(width, height, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        log_axes(axes, table, x=x, y=y)
+        yield figure, axes
 
 
 @contextlib.contextmanager

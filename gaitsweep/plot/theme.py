@@ -4,6 +4,7 @@ from gaitsweep.plot.canvas import COLUMN as COLUMN
 from gaitsweep.plot.canvas import PAGE as PAGE
 from gaitsweep.plot.canvas import PAGE_HEIGHT as PAGE_HEIGHT
 from gaitsweep.plot.canvas import canvas as canvas
+from gaitsweep.plot.canvas import diagram as diagram
 from gaitsweep.plot.canvas import first_of as first_of
 from gaitsweep.plot.canvas import frame as frame
 from gaitsweep.plot.canvas import label_panels as label_panels

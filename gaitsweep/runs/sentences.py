@@ -145,6 +145,8 @@ _SETTINGS = {
     "files": {"block": "parts of {} rows", "format": "format {}"},
     "hash of the job": {"job_hash": "{}"},
 }
+# Advice on a walker without a gait, as the subject of a sentence.
+IF_IT_DOES_NOT_WALK = "`If it does not walk`, in the page that `gaitsweep examples walker` copies,"
 # Entries of a manifest that `settings_of` describes.
 DESCRIBED = {"timings", *_SETTINGS, *(name for words in _SETTINGS.values() for name in words)}
 
@@ -265,7 +267,8 @@ def _without_gait(about: Mapping[str, Any]) -> str:
     total = sum(rows["rows"] for rows in about["reasons"].values())
     subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
     return (
-        f"{subject} the gait none: {'; '.join(reasons)} (docs/own_model.md, `Footfalls and names of gaits`)."
+        f"{subject} the gait none: {'; '.join(reasons)}. `gaitsweep examples own_model` copies a page with the "
+        "section `Footfalls and names of gaits`."
     )
 
 
@@ -282,8 +285,8 @@ def _uneven_strides(about: Mapping[str, Any]) -> str:
         )
         feet.append(f"foot {foot}{where}: {last}")
     advice = (
-        " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
-        "docs/walker.md, `If it does not walk`."
+        " A short one in mid-swing is a scuff, which `shortest_contact` in the model file leaves out: "
+        f"{IF_IT_DOES_NOT_WALK} describes it."
         if about.get("body")
         else ""
     )

@@ -7,6 +7,7 @@ import collections
 import html
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -31,47 +32,13 @@ from gaitsweep.status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
 from gaitsweep.table.manifest import self_check_warned
 
-# Colours of a page by name, light and dark.
-SCHEMES = """
-:root { color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --line: #e3e6ea; --rule: #ccc;
-  --paper: #fff; --code: #f5f6f8; --edge: #333; --link: #0b5cad; --warning: #B00020; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e9ed; --faint: #a7afb8; --line: #2e343a; --rule: #4b545d; --paper: #14181c;
-    --code: #20262c; --edge: #d5dade; --link: #56B4E9; --warning: #ff8f8a; }
-}
-"""
-_STYLE = (
-    SCHEMES
-    + """
-body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
-  color: var(--ink); background: var(--paper);
-  max-width: 62rem; margin: 0 auto 3rem; padding: 0 1rem; }
-h1 { margin: 1.2rem 0 0; font-size: 1.6rem; overflow-wrap: anywhere; }
-h2 { margin: 2.2rem 0 .5rem; font-size: 1.15rem; border-bottom: 1px solid var(--rule); }
-p { margin: .3rem 0; } .faint, figcaption { color: var(--faint); }
-.warning { color: var(--warning); font-weight: 600; }
-a { color: var(--link); }
-table { border-collapse: collapse; font-size: .95rem; }
-td, th { padding: .2rem 1.1rem .2rem 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid var(--line); }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-tr.sum td { font-weight: 600; }
-.wide { overflow-x: auto; }
-.facts { width: 100%; } .facts th { white-space: nowrap; } .facts td { overflow-wrap: anywhere; }
-.name { white-space: nowrap; } summary { cursor: pointer; }
-.chip { display: inline-block; width: .9em; height: .9em; margin-right: .45em; border: 1px solid var(--edge);
-  vertical-align: -.1em; }
-pre { background: var(--code); padding: .8rem; font-size: 13px; white-space: pre-wrap;
-  overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #fff; }
-@media (max-width: 600px) {
-  body { padding: 0 .7rem; }
-  td, th { padding-right: .7rem; }
-  .facts, .facts tbody, .facts tr, .facts th, .facts td { display: block; }
-  .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: var(--faint); }
-}
-"""
-)
+
+def _css(name: str) -> str:
+    """The text of a style sheet beside this file."""
+    return resources.files("gaitsweep.view").joinpath(name).read_text("utf-8")
+
+
+SCHEMES = _css("page_colours.css")
 _WITHOUT_GAIT = "not read"  # of records whose gait is missing
 _REASONS = 5  # that are shown for failed sets of constants
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
@@ -129,7 +96,7 @@ def _page(snapshot: Snapshot) -> str:
         f"<h2>Provenance</h2>{_provenance(snapshot)}",
         f"<h2>Job</h2><details><summary>as it was run</summary><pre>{job}</pre></details>",
     ]
-    return document(name, _STYLE, [section for section in sections if section])
+    return document(name, SCHEMES + _css("report.css"), [section for section in sections if section])
 
 
 def document(title: str, style: str, sections: Sequence[str]) -> str:

@@ -225,8 +225,8 @@ def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) ->
     """Refuse a model that cannot be drawn, before its row is simulated."""
     if type(model).skeleton is Model.skeleton:
         raise PlotError(
-            f"{model.name} has no `skeleton` to draw: define one, as docs/own_model.md shows under "
-            "`See it move`."
+            f"{model.name} has no `skeleton` to draw: define one. The section `See it move` of the page that "
+            "`gaitsweep examples own_model` copies shows how."
         )
     if renderer == "mujoco" and model.mjcf(values) is None:
         raise PlotError(f"{model.name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")

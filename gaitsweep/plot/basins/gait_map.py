@@ -15,8 +15,7 @@ from matplotlib.patches import Patch
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
-from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import HATCHED, OTHER, is_turn, log_axes, outcome, require_columns, rows_where
+from gaitsweep.plot.columns import HATCHED, OTHER, is_turn, outcome, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Outcome
 
@@ -43,17 +42,13 @@ def gait_map(
         PlotError: the table lacks a column.
     """
     require_columns(table, x, y, hue)
-    with theme.canvas(theme.COLUMN + 1.8, 3.9, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
+    with theme.diagram(table, x, y, title, width=theme.COLUMN + 1.8, height=3.9) as (figure, axes):
         table = rows_where(table, table[x].notna() & table[y].notna())
         if not len(table):
             theme.message(axes, "no rows yet")
             return figure
         sets = _sets(table, x, y, hue)
         looks = _looks(_ordered(sets["set"].tolist()))
-        log_axes(axes, table, x=x, y=y)
         grid = cell_grid(sets, x, y, table)
         handles = _points(axes, sets, x, y, looks) if grid is None else _cells(axes, sets, grid, looks)
         if is_turn(table, x):

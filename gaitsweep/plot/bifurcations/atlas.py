@@ -103,10 +103,7 @@ def road_map(
     name = recorded_column(table, y)
     of_row = _of_row(table, row)
     branches = rows_where(of_row, (of_row["part"] == "branch") & of_row[name].notna())
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title) as (figure, axes):
         if not len(branches):
             theme.message(axes, "No gait was found.")
             return figure
@@ -151,10 +148,7 @@ def atlas(table: pd.DataFrame, *, row: Annotated[int, "row of the job"] = 0, tit
     require_columns(table, x, y, "part", "period", "stable", "unstable", "special", "found")
     of_row = _of_row(table, row)
     curves = rows_where(of_row, (of_row["part"] != "branch") & (of_row["part"] != ""))
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
+    with theme.diagram(table, x, y, title) as (figure, axes):
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure

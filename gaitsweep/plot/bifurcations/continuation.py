@@ -28,7 +28,6 @@ from gaitsweep.plot.column_labels import described, symbol
 from gaitsweep.plot.columns import (
     PlotError,
     branch_parameter,
-    log_axes,
     origin_of,
     recorded_column,
     require_columns,
@@ -228,10 +227,7 @@ def continuation(
     # the two directions in which a map follows a branch begin at one point
     of_branch = [name_of_part for name_of_part in ("row", "direction") if name_of_part in table]
     table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title) as (figure, axes):
         if not len(table):
             theme.message(axes, "No row has a fixed point on a branch.")
             return figure
@@ -312,11 +308,7 @@ def stable_ranges(
     """
     x = x or branch_parameter(table)
     require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
-    with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
-        log_axes(axes, table, y=y)
+    with theme.diagram(table, x, y, title, width=theme.COLUMN + 1.2, height=3.5) as (figure, axes):
         areas = _areas(table.assign(gait=table[hue]), x, y)
         if not areas:
             theme.message(axes, "no stable gait was found" if len(table) else "no rows yet")
