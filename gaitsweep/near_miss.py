@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import difflib
 import itertools
-import os
 from collections.abc import Iterable, Iterator
 from contextvars import ContextVar
 from typing import Literal
@@ -71,7 +70,11 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
         return None
     similarity = {name: difflib.SequenceMatcher(None, name, lower).ratio() for name in matches}
     most_similar = [name for name in by_lower if similarity.get(name) == similarity[matches[0]]]
-    return by_lower[max(most_similar, key=lambda name: len(os.path.commonprefix([name, lower])))]
+
+    def common_beginning(name: str) -> int:
+        return next(end for end in range(len(lower), -1, -1) if name.startswith(lower[:end]))
+
+    return by_lower[max(most_similar, key=common_beginning)]
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:

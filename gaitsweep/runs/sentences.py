@@ -267,8 +267,8 @@ def _without_gait(about: Mapping[str, Any]) -> str:
     total = sum(rows["rows"] for rows in about["reasons"].values())
     subject = "1 settled row has" if total == 1 else f"{total} settled rows have"
     return (
-        f"{subject} the gait none: {'; '.join(reasons)}. `gaitsweep examples own_model` copies a page with the "
-        "section `Footfalls and names of gaits`."
+        f"{subject} the gait none: {'; '.join(reasons)}. `gaitsweep examples own_model` copies a page with "
+        "the section `Footfalls and names of gaits`."
     )
 
 

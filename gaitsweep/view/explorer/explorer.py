@@ -330,7 +330,7 @@ def _about(
 
 
 def _filled(parts: Mapping[str, str]) -> str:
-    """The template with its marks {{...}} replaced by parts, which are escaped, and by the files they name."""
+    """The template with its marks {{...}} replaced by escaped parts, and by the files that they name."""
     files = resources.files("gaitsweep.view.explorer").joinpath("page")
 
     def part(mark: re.Match[str]) -> str:
