@@ -31,6 +31,7 @@ from gaitsweep.plot.arguments import (
     Vertical,
 )
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.canvas import OnePanel
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     HATCHED,
@@ -84,18 +85,7 @@ def basin(
     parts, title = theme.first_of(by_value(table, panels), _MOST_PANELS, title)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
 
-    def width_of(columns: int) -> float:
-        return theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
-
-    def side_of(columns: int) -> float:
-        return (theme.width_of(width_of(columns)) - (1.3 if numeric else 0.6)) / columns
-
-    # a square panel with headings of one or two lines
-    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
-    most_in_a_row = min(_PANELS_A_ROW, int(theme.width_of(theme.PAGE) / _LEAST_IN_A_ROW))
-    least = _LEAST_IN_A_ROW if len(parts) <= most_in_a_row else _LEAST_IN_ROWS
-    rows, columns = theme.shape(len(parts), theme.PAGE, least, _PANELS_A_ROW, **high)
-    side, width = side_of(columns), width_of(columns)
+    rows, columns, width, side = _layout(len(parts), numeric=numeric)
     shown = outcome(table, hue)
     # a row that has not settled may be named twice: by the hue, and by its outcome
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
@@ -140,13 +130,31 @@ def basin(
     return figure
 
 
+def _layout(count: int, *, numeric: bool) -> tuple[int, int, float, float]:
+    """The rows and columns of so many panels, the figure's width and the side of a square panel, inches.
+
+    With a `numeric` hue there is a colour bar beside them.
+    """
+
+    def width_of(columns: int) -> float:
+        return theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
+
+    def side_of(columns: int) -> float:
+        return (theme.width_of(width_of(columns)) - (1.3 if numeric else 0.6)) / columns
+
+    # a square panel with headings of one or two lines
+    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
+    most_in_a_row = min(_PANELS_A_ROW, int(theme.width_of(theme.PAGE) / _LEAST_IN_A_ROW))
+    least = _LEAST_IN_A_ROW if count <= most_in_a_row else _LEAST_IN_ROWS
+    rows, columns = theme.shape(count, theme.PAGE, least, _PANELS_A_ROW, **high)
+    return rows, columns, width_of(columns), side_of(columns)
+
+
 def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
     """Make panels square by the figure's height, unless its style has one, which the panels then fill.
 
     Of panels with an equal aspect the layout would misjudge the room that their labels need.
     """
-    from gaitsweep.plot.canvas import OnePanel  # which loads Matplotlib
-
     if isinstance(figure, OnePanel):
         figure.panel.set_aspect("equal")
         return

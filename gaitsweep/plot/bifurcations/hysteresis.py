@@ -235,26 +235,20 @@ def hysteresis(
             "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
             "for another table name the column as `parameter`."
         )
-    shown = [
-        *panels_of(table, panels, beside=with_table is not None),
-        *panels_of_second(table, with_table, panels),
-    ]
-    shown, title = theme.first_of(shown, MOST_PANELS, title)
-    for panel in shown:
-        if panel.table is not None:
-            require_columns(panel.table, parameter, "pass", "row")
-            for observable in (y, *([] if x is None else [x])):
-                column(panel.table, observable, ("_n", ""))
-    name = column(table, y, ("_n", ""))
-    if x is not None:
-        shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
-        parameter = column(table, x, ("_n", ""))
+    shown = panels_of(table, panels, beside=with_table is not None)
+    shown, title = theme.first_of([*shown, *panels_of_second(table, with_table, panels)], MOST_PANELS, title)
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
+    name, along = column(table, y, ("_n", "")), parameter
+    if x is not None:
+        along = column(table, x, ("_n", ""))
+        shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
+    tables = [panel.table for panel in shown if panel.table is not None]
+    for of_panel in tables:
+        require_columns(of_panel, parameter, "pass", "row", name, along)
     values = np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables])
-    columns = Columns(table, name, parameter, origin_of(table, name, values))
-    parted = [irregular_parted(panel.table, name, parameter, least or LEAST_JUMP) for panel in shown]
+    columns = Columns(table, name, along, origin_of(table, name, values))
+    parted = [irregular_parted(panel.table, name, along, least or LEAST_JUMP) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     # inches, of a row of panels, which are lower where a page would have no room for them
@@ -264,17 +258,16 @@ def hysteresis(
     room = theme.width_of(width) / across - 0.8
     with theme.canvas(width, high * down + 1.0, title) as figure:
         heights = (2.5, 1.0) if strips else (1.0,)
-        grid, *strip_axes = theme.stacked_panels(figure, (down, across), len(shown), heights)
-        below = strip_axes[0] if strips else grid  # the lowest axes of each panel
-        for axes in below if strips else ():
-            axes.set_label(STRIP)
+        layers = theme.stacked_panels(figure, (down, across), len(shown), heights)
+        grid, below = layers[0], layers[-1]
         jumps = []
         for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
             jumps.append(draw_passes(grid[number], panel, branches, columns, least))
-            if strips:
-                draw_strip(below[number], irregular, panel.table, columns)
-            last = number % across == across - 1 or number == len(shown) - 1
             strip = below[number] if strips else None
+            if strip is not None:
+                draw_strip(strip, irregular, panel.table, columns)
+                strip.set_label(STRIP)
+            last = number % across == across - 1 or number == len(shown) - 1
             _mark(grid[number], strip, ticks, columns.origin, named=last)
         in_key = _single_jumps(jumps) if in_column() else {}
         broken = _label(grid, below, columns, across, ticks, [[]] if in_key else jumps, room)
