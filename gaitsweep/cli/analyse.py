@@ -6,7 +6,7 @@ Each imports its analysis when it runs, so that `--help` does not load JAX and p
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -77,13 +77,6 @@ def print_table(table: pd.DataFrame, digits: int = 4, *, index: bool = False) ->
     print(table.round(digits).to_string(index=index))
 
 
-def _print_tables(*tables: pd.DataFrame) -> None:
-    """Print data frames, each with an empty line after it."""
-    for table in tables:
-        print_table(table)
-        print()
-
-
 @app.command()
 def targets(
     directories: Annotated[
@@ -134,30 +127,23 @@ def summary(
 
     A group is, for example, a gait; the median and the range of each column are printed.
     """
-    from gaitsweep.analysis.records import require, require_numbers
+    from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 
     table = result_table(directory)
     of = list(dict.fromkeys(of or ()))
     require(table, *by)
     require_numbers(table, *of)
     columns_of = {name: [name, f"{name}_least", f"{name}_largest"] for name in of}
-    _refuse_repeated([*by, "rows", *(column for columns in columns_of.values() for column in columns)])
+    names = [*by, "rows", *(column for columns in columns_of.values() for column in columns)]
+    if repeated := next((name for name in names if names.count(name) > 1), None):
+        raise AnalysisError(
+            f"The result would have two columns {repeated}: name a column once, by --by or --of."
+        )
     groups = table.groupby(by, observed=True, dropna=False)
     counts = groups.size().to_frame("rows")
     for name, columns in columns_of.items():
         counts[columns] = groups[name].agg(["median", "min", "max"])
     print_table(counts.reset_index(), 6)
-
-
-def _refuse_repeated(columns: Sequence[str]) -> None:
-    """Raise AnalysisError where two columns of a result would have the same name."""
-    from gaitsweep.analysis.records import AnalysisError
-
-    for name in columns:
-        if columns.count(name) > 1:
-            raise AnalysisError(
-                f"The result would have two columns {name}: name a column once, by --by or --of."
-            )
 
 
 @app.command()
@@ -185,7 +171,9 @@ def basins(directory: Directory, by: GroupColumns = None) -> None:
     from gaitsweep.analysis.basins import measures
 
     measured = measures.basins(result_table(directory), by=by or ())
-    _print_tables(measured.fractions, measured.panels, measured.uncertainty)
+    for table in (measured.fractions, measured.panels, measured.uncertainty):
+        print_table(table)
+        print()
 
 
 @app.command()

@@ -20,9 +20,9 @@ from gaitsweep.plot.arguments import Panels, Title, Window
 from gaitsweep.plot.column_labels import row_names, written
 from gaitsweep.plot.columns import PlotError, column, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, check_window, figure_kind
-from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
+from gaitsweep.plot.limbs import limb_colours, limbs_of_model, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.skeleton import Limb, LimbLook
 
 _NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
 _NEAR_FREE = 0.55  # cycles: the same at a link whose lag is free
@@ -84,7 +84,7 @@ def footprints(
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
     parts, title = theme.first_of(parts or [(None, table)], _MOST_PANELS, title)
     height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
-    limbs = limbs_of(table, len(legs))
+    limbs = limbs_of_model(model_of(table), len(legs))
     with theme.canvas(theme.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
         waves: set[str] = set()
@@ -169,9 +169,7 @@ def _draw_panel(
         for gap in of_leg[~swing & (stops[:-1] >= low) & (starts[1:] <= high)]
     ]
     stances = [joined_stances(*contact, swing) for contact, swing in zip(contacts, swings, strict=True)]
-    for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
-        bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
+    draw_stances(axes, stances, limbs, _BAR)
     axes.set_xlim(low, high)
     period = _period(stances, first)
     if period is None:
@@ -183,6 +181,22 @@ def _draw_panel(
     model = model_of(samples)
     free_link = None if model is None else model.free_link(samples, len(legs))
     return _Drawn(_guides(axes, middles, period, free_link), hops)
+
+
+def draw_stances(
+    axes: Axes, stances: Sequence[Stances], limbs: Sequence[Limb | LimbLook], height: float
+) -> None:
+    """Draw the stances of limbs as rows of bars in their colours.
+
+    Args:
+        axes: the panel, in which the rows are at 0, 1, ...
+        stances: those of each limb.
+        limbs: the limbs.
+        height: of a bar, as a share of its row.
+    """
+    for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
+        bars = list(zip(starts, stops - starts, strict=True))
+        axes.broken_barh(bars, (row - height / 2, height), facecolors=colour, linewidth=0)
 
 
 def _count_cycles(axes: Axes, low: float, high: float, period: float) -> None:

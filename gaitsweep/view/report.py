@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import collections
 import html
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,10 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import yaml
-from jaxtyping import Bool
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
@@ -113,10 +110,8 @@ def figure_of(path: Path, caption: str) -> str:
     """The HTML of a PNG file, with its image embedded."""
     image = base64.b64encode(path.read_bytes()).decode()
     name = html.escape(caption)
-    return (
-        f'<figure><img alt="{name}" src="data:image/png;base64,{image}">'
-        f"<figcaption>{name}</figcaption></figure>"
-    )
+    picture = f'<img alt="{name}" src="data:image/png;base64,{image}">'
+    return f"<figure>{picture}<figcaption>{name}</figcaption></figure>"
 
 
 def _warnings(snapshot: Snapshot) -> str:
@@ -143,10 +138,8 @@ def _counts(snapshot: Snapshot) -> str:
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
     stalls: Mapping[str, Any] = snapshot.manifest.get("stalls") or {}
-    notes = "".join(
-        f"<p>{int(stall.get('rows', 0))} stalled: {html.escape(guards)}.</p>"
-        for guards, stall in stalls.items()
-    )
+    rows_of = {html.escape(guards): int(stall.get("rows", 0)) for guards, stall in stalls.items()}
+    notes = "".join(f"<p>{rows} stalled: {guards}.</p>" for guards, rows in rows_of.items())
     if slowest := snapshot.manifest.get("slowest"):
         notes += f"<p>Rows did not settle because of {html.escape(unsettled(slowest))}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
@@ -169,8 +162,8 @@ def _reasons(snapshot: Snapshot) -> str:
     if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
     reasons = _columns(snapshot, "why")["why"].astype(str)
-    most = collections.Counter(reason for reason in reasons if reason).most_common(_REASONS)
-    lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most]
+    most_frequent = reasons[reasons != ""].value_counts().head(_REASONS)
+    lines = [f"<li>{html.escape(str(why))} ({number} sets)</li>" for why, number in most_frequent.items()]
     return f"<p>Most frequent reasons for failed sets:</p><ul>{''.join(lines)}</ul>"
 
 
@@ -181,24 +174,23 @@ def _gaits(snapshot: Snapshot) -> str:
         return ""
     table = _columns(snapshot, "row", "status", "gait")
     gait = table["gait"].astype(object).where(table["gait"].notna(), _WITHOUT_GAIT)
-    status = table["status"].astype(str).to_numpy(str)
     has_records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not has_records else []
-    names = in_order(table, "gait", pd.Series(gait, dtype=object))
+    names = in_order(table, "gait", gait)
     colours = theme.colours(names)
+    counts = pd.crosstab(gait, table["status"].astype(str))
 
-    def cells(rows: Bool[np.ndarray, " rows"]) -> str:
-        """The cells of some rows of the table: their number, their share, and those of each status."""
-        counts = [np.count_nonzero(rows & (status == of_status)) for of_status in statuses]
-        by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
-        return f"{_number(int(rows.sum()), len(table))}{by_status}"
+    def cells(of_status: pd.Series) -> str:
+        """The cells of rows of the table, counted by status: their number, their share, and each count."""
+        numbers = "".join(f'<td class="number">{of_status.get(status, 0)}</td>' for status in statuses)
+        return f"{_number(int(of_status.sum()), len(table))}{numbers}"
 
     lines = []
     for name in names:
         chip = f'<span class="chip" style="background:{colours[name]}"></span>'
         head = f'<td class="name">{chip}{html.escape(name)}</td>'
-        lines.append(f"<tr>{head}{cells(np.asarray(gait == name))}</tr>")
-    lines.append(f'<tr class="sum"><td>all</td>{cells(np.ones(len(table), bool))}</tr>')
+        lines.append(f"<tr>{head}{cells(counts.loc[name])}</tr>")
+    lines.append(f'<tr class="sum"><td>all</td>{cells(counts.sum())}</tr>')
     heads = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     table_of_gaits = f'<div class="wide"><table><tr><th>gait</th>{heads}</tr>{"".join(lines)}</table></div>'
     return f"<h2>Gaits of the {'records' if has_records else 'rows'}</h2>{table_of_gaits}"

@@ -347,6 +347,16 @@ def test_shares_over_two_parameters_are_of_rows() -> None:
     assert caption(starts, x="psi_1", y="beta") == "share of starts"
 
 
+def test_lines_of_cycles_may_have_no_value_of_their_hue() -> None:
+    """A missing number is another object in each row, and a single observable may stand without a list."""
+    table = crossing_table()
+    table["depth"] = table["row"].map({0: 1.0, 1: np.nan, 2: np.nan})
+    figure = plot.cycles(table, y="psi_1", hue="depth")
+    assert len(figure.axes) == 1
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["1.0", "none"]
+
+
 def test_many_lines_of_texts_have_colours_in_turn() -> None:
     """A column of texts has no colour scale."""
     amounts = [f"push {number}" for number in range(9)]

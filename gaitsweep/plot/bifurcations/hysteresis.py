@@ -239,13 +239,14 @@ def hysteresis(
     shown, title = theme.first_of([*shown, *panels_of_second(table, with_table, panels)], MOST_PANELS, title)
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    name, along = column(table, y, ("_n", "")), parameter
+    name = column(table, y, ("_n", ""))
+    along = parameter if x is None else column(table, x, ("_n", ""))
+    for panel in shown:
+        if panel.table is not None:
+            require_columns(panel.table, parameter, "pass", "row", name, along)
     if x is not None:
-        along = column(table, x, ("_n", ""))
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
     tables = [panel.table for panel in shown if panel.table is not None]
-    for of_panel in tables:
-        require_columns(of_panel, parameter, "pass", "row", name, along)
     values = np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables])
     columns = Columns(table, name, along, origin_of(table, name, values))
     parted = [irregular_parted(panel.table, name, along, least or LEAST_JUMP) for panel in shown]

@@ -94,7 +94,7 @@ def write_explorer(
     most = MOST_REPLAYS if replays is None else replays
     limit = MAX_SIZE if max_size is None else max_size
     if most < 0:
-        raise ArgumentError(f"replays is {most}, but must be at least 0.")
+        raise ArgumentError(f"replays (--walks) is {most}, but must be at least 0.")
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     room = _room(script, limit)
