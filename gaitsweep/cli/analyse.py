@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 from typer.main import get_group
 
@@ -44,18 +45,15 @@ app = typer.Typer(
 
 Observable = Annotated[
     str | None,
-    typer.Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
+    Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
 ]
 Parameter = Annotated[
-    str | None,
-    typer.Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's."),
+    str | None, Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's.")
 ]
 
 GroupColumns = Annotated[
     list[str] | None,
-    typer.Option(
-        "--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."
-    ),
+    Option("--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."),
 ]
 
 
@@ -80,15 +78,14 @@ def print_table(table: pd.DataFrame, digits: int = 4, *, index: bool = False) ->
 @app.command()
 def targets(
     directories: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR...", help="Result directories of searches for the same targets."),
+        list[Path], Argument(metavar="DIR...", help="Result directories of searches for the same targets.")
     ],
     within: Annotated[
-        float, typer.Option("--within", metavar="X", help="Largest miss of a met target, in reading errors.")
+        float, Option("--within", metavar="X", help="Largest miss of a met target, in reading errors.")
     ] = 1.0,
     target: Annotated[
         list[str] | None,
-        typer.Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
+        Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
     ] = None,
 ) -> None:
     """Count the sets of a search that meet pairs of targets.
@@ -111,12 +108,10 @@ def targets(
 @app.command()
 def summary(
     directory: Directory,
-    by: Annotated[
-        list[str], typer.Option("--by", metavar="COLUMN", help="Column of groups; may be repeated.")
-    ],
+    by: Annotated[list[str], Option("--by", metavar="COLUMN", help="Column of groups; may be repeated.")],
     of: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--of",
             metavar="COLUMN",
             help="Column whose median, minimum and maximum are printed; may be repeated.",
@@ -181,7 +176,7 @@ def steps_to_fall(
     directory: Directory,
     by: GroupColumns = None,
     after: Annotated[
-        int, typer.Option("--after", metavar="N", help="Steps from the start that do not count.")
+        int, Option("--after", metavar="N", help="Steps from the start that do not count.")
     ] = 10,
 ) -> None:
     """Print mean numbers of steps to a fall.
@@ -224,10 +219,8 @@ def hysteresis(
     parameter: Parameter = None,
     least: Annotated[
         float | None,
-        typer.Option(
-            "--least",
-            metavar="X",
-            help="Least change that counts as a jump; by default as in the figure.",
+        Option(
+            "--least", metavar="X", help="Least change that counts as a jump; by default as in the figure."
         ),
     ] = None,
     by: GroupColumns = None,
@@ -280,9 +273,7 @@ def gait_transitions(
     parameter: Parameter = None,
     start: Annotated[
         str | None,
-        typer.Option(
-            "--start", metavar="NAME", help="Start that selects the branch; by default the figure's."
-        ),
+        Option("--start", metavar="NAME", help="Start that selects the branch; by default the figure's."),
     ] = None,
 ) -> None:
     """Print the parameter values at which gaits are lost.

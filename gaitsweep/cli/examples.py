@@ -9,7 +9,7 @@ import textwrap
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gaitsweep import near_miss
 from gaitsweep.cli.new_files import add_files
@@ -41,13 +41,13 @@ class Example:
 def examples(
     name: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             metavar="NAME",
             help="Example to copy: a name in the list, or a kind, such as models, for all of it.",
         ),
     ] = None,
     to: Annotated[
-        Path, typer.Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
+        Path, Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
     ] = Path(),
 ) -> None:
     """List or copy the jobs, models and notebooks shipped.

@@ -25,13 +25,7 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import (
-    PlotError,
-    branch_parameter,
-    origin_of,
-    recorded_column,
-    require_columns,
-)
+from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 

@@ -322,10 +322,7 @@ def _label(
 
 
 def _name_gaits(
-    grid: Sequence[Axes],
-    tables: Sequence[pd.DataFrame | None],
-    columns: Columns,
-    without: Sequence[str],
+    grid: Sequence[Axes], tables: Sequence[pd.DataFrame | None], columns: Columns, without: Sequence[str]
 ) -> list[Line2D]:
     """Name the gaits of tables beside their branches; returns the legend of those without room."""
     _, name, x, origin = columns

@@ -164,11 +164,7 @@ class Pass(NamedTuple):
 
 
 def draw_passes(
-    axes: Axes,
-    panel: Panel,
-    branches: pd.DataFrame | None,
-    columns: Columns,
-    least: float | None,
+    axes: Axes, panel: Panel, branches: pd.DataFrame | None, columns: Columns, least: float | None
 ) -> list[Patch]:
     """Draw a panel: each row's passes on branches, and bars at jumps.
 

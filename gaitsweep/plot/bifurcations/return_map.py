@@ -16,14 +16,7 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of, written
-from gaitsweep.plot.columns import (
-    PlotError,
-    by_value,
-    column,
-    origin_of,
-    require_columns,
-    require_one_system,
-)
+from gaitsweep.plot.columns import PlotError, by_value, column, origin_of, require_columns, require_one_system
 from gaitsweep.plot.kind import check_one_system, figure_kind
 from gaitsweep.schema.numbers import Word
 
