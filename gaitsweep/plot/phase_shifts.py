@@ -60,7 +60,9 @@ def phase_response(
         for number, (value, of_line) in enumerate(lines):
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
             palette = theme.LINE_COLOURS
-            look["color"] = palette[number % len(palette)] if few else scale.to_rgba(float(value))
+            look["color"] = (
+                palette[number % len(palette)] if few else scale.to_rgba(np.array([value], float))[0]
+            )
             look["ls"] = theme.DASHES[number % len(theme.DASHES)] if few else "-"
             _draw_line(axes, of_line, x, y, look)
             label = "" if value is None else written(table, str(hue), value)

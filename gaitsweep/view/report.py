@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import collections
 import html
 import warnings
 from collections.abc import Mapping, Sequence
@@ -161,9 +162,9 @@ def _reasons(snapshot: Snapshot) -> str:
     """The most frequent reasons for failed sets of constants; empty if none failed."""
     if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
-    reasons = _columns(snapshot, "why")["why"].astype(str)
-    most_frequent = reasons[reasons != ""].value_counts().head(_REASONS)
-    lines = [f"<li>{html.escape(str(why))} ({number} sets)</li>" for why, number in most_frequent.items()]
+    reasons = collections.Counter(filter(None, map(str, _columns(snapshot, "why")["why"])))
+    most_frequent = reasons.most_common(_REASONS)
+    lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most_frequent]
     return f"<p>Most frequent reasons for failed sets:</p><ul>{''.join(lines)}</ul>"
 
 
@@ -176,7 +177,7 @@ def _gaits(snapshot: Snapshot) -> str:
     gait = table["gait"].astype(object).where(table["gait"].notna(), _WITHOUT_GAIT)
     has_records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not has_records else []
-    names = in_order(table, "gait", gait)
+    names = in_order(table, "gait", pd.Series(gait))
     colours = theme.colours(names)
     counts = pd.crosstab(gait, table["status"].astype(str))
 

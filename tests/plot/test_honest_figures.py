@@ -310,7 +310,8 @@ def test_a_gait_map_does_not_stretch_its_cells_either() -> None:
 
 def corners_of(figure: Any) -> list[np.ndarray]:
     """The corners of the cells of each mesh of a figure's first panel."""
-    return [mesh.get_coordinates() for mesh in figure.axes[0].collections if isinstance(mesh, QuadMesh)]
+    meshes = [mesh for mesh in figure.axes[0].collections if isinstance(mesh, QuadMesh)]
+    return [np.asarray(mesh.get_coordinates()) for mesh in meshes]
 
 
 def table_over(values: list[float], **job: Any) -> pd.DataFrame:
@@ -350,7 +351,7 @@ def test_shares_over_two_parameters_are_of_rows() -> None:
 def test_lines_of_cycles_may_have_no_value_of_their_hue() -> None:
     """A missing number is another object in each row, and a single observable may stand without a list."""
     table = crossing_table()
-    table["depth"] = table["row"].map({0: 1.0, 1: np.nan, 2: np.nan})
+    table["depth"] = np.where(table["row"] == 0, 1.0, np.nan)
     figure = plot.cycles(table, y="psi_1", hue="depth")
     assert len(figure.axes) == 1
     (legend,) = figure.legends

@@ -121,7 +121,7 @@ def test_another_parameter_has_a_panel_for_each_of_its_values() -> None:
     assert words == ["periodic", "chaotic", "not settled"]
     # a selection of rows has an index that does not begin at 0
     assert len(drawn(plot.orbit(table.iloc[1:4], x="a", y="x").axes[0])) == 5
-    henon = table.assign(row=range(5))[["row", "a", "b", "status", "x_end"]]
+    henon = table.assign(row=range(5)).reindex(columns=["row", "a", "b", "status", "x_end"])
     henon.attrs["job"] = {"model": "gaitsweep.examples.henon:Henon"}
     with pytest.raises(PlotError, match="differ in b, too"):
         plot.orbit(henon, x="a", y="x")

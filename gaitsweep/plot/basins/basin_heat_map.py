@@ -31,7 +31,6 @@ from gaitsweep.plot.arguments import (
     Vertical,
 )
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
-from gaitsweep.plot.canvas import OnePanel
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     HATCHED,
@@ -155,6 +154,8 @@ def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
 
     Of panels with an equal aspect the layout would misjudge the room that their labels need.
     """
+    from gaitsweep.plot.canvas import OnePanel  # which loads Matplotlib
+
     if isinstance(figure, OnePanel):
         figure.panel.set_aspect("equal")
         return

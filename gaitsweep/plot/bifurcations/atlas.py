@@ -233,7 +233,7 @@ def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[s
     kind = str(curve["part"].iloc[0])
     for of_stable, part in stretches(curve["unstable"].to_numpy(int) == 0):
         axes.plot(at[part], up[part], color=colour, lw=1.8 if of_stable else 0.8, ls=_LINES[kind])
-    draw_marks(axes, at, up, curve["special"], _MARKS, size=5.5)
+    draw_marks(axes, at, up, curve["special"].to_numpy(object), _MARKS, size=5.5)
 
 
 def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:

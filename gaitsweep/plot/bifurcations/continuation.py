@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgba
@@ -83,14 +83,14 @@ def draw_branch(
             continue
         over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
         axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), zorder=2, **looks[piece])
-    draw_marks(axes, at, value, branch["special"])
+    draw_marks(axes, at, value, branch["special"].to_numpy(object))
 
 
 def draw_marks(
     axes: Axes,
     at: Float[np.ndarray, " points"],
     up: Float[np.ndarray, " points"],
-    kinds: pd.Series,
+    kinds: Shaped[np.ndarray, " points"],
     marks: Marks = _MARKERS,
     *,
     size: float = 4.5,
@@ -107,7 +107,7 @@ def draw_marks(
         zorder: of the markers.
     """
     for kind, (marker, _) in marks.items():
-        marked = (kinds == kind).to_numpy(bool)
+        marked = np.asarray(kinds == kind, bool)
         axes.plot(at[marked], up[marked], marker=marker, ms=size, zorder=zorder, **_MARK)
 
 
@@ -365,7 +365,7 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
             is_lost = ~area[f"{side}_by"].isin(["start", "range"]).to_numpy(bool)
             edge_colour = mpl.rcParams["axes.edgecolor"]
             axes.plot(np.where(is_lost, at, np.nan), up, color=edge_colour, lw=1.0, zorder=3)
-            draw_marks(axes, at, up, area[f"{side}_by"], zorder=4)
+            draw_marks(axes, at, up, area[f"{side}_by"].to_numpy(object), zorder=4)
 
 
 def _overlaps(
