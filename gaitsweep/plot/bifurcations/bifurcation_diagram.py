@@ -91,7 +91,7 @@ def orbit(
         layers = theme.stacked_panels(figure, (down, across), len(parts), (2.2, 1.0) if exponents else (1.0,))
         grid, lowest = layers[0], layers[-1]
         for number in range(max(len(parts) - across, 0), len(parts)):
-            lowest[number].set_xlabel(described(table, x, max(90 // across, 30) if across > 1 else 44))
+            lowest[number].set_xlabel(described(table, x, min(90 // across, 44)))
             lowest[number].tick_params(labelbottom=True)
         log_axes(grid[0], table, x=x)
         looks = _looks(table, hue)

@@ -89,7 +89,6 @@ def write_explorer(
         JobError, RunError: the job cannot be read, or cannot run here.
         WriteError: the file cannot be written.
     """
-    script = compressed(plotly_source().encode())
     job = _job_of(table, trust=trust)
     most = MOST_REPLAYS if replays is None else replays
     limit = MAX_SIZE if max_size is None else max_size
@@ -97,6 +96,7 @@ def write_explorer(
         raise ArgumentError(f"replays (--walks) is {most}, but must be at least 0.")
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
+    script = compressed(plotly_source().encode())
     room = _room(script, limit)
     context = prepare(job)
     table = _labelled(table, context)
