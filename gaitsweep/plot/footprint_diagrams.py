@@ -221,8 +221,8 @@ def contact_intervals(
 
 
 def joined_stances(
-    starts: Float[np.ndarray, " stances"],
-    stops: Float[np.ndarray, " stances"],
+    starts: Float[np.ndarray, " contacts"],
+    stops: Float[np.ndarray, " contacts"],
     swings: Bool[np.ndarray, " gaps"],
 ) -> Stances:
     """The stances of a leg, with the losses of contact between them filled that are no `swings`."""
