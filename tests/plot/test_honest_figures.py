@@ -363,3 +363,10 @@ def test_many_lines_of_texts_have_colours_in_turn() -> None:
     amounts = [f"push {number}" for number in range(9)]
     table = pd.DataFrame({"push_phase": 0.5, "phase_shift": 0.1, "who": amounts})
     assert len(plot.phase_response(table, hue="who").axes[0].lines) == 10
+
+
+def test_more_numbers_of_steps_than_colours_are_drawn() -> None:
+    table = pd.DataFrame({"row": range(4), "roughness": [0.1, 0.1, 0.2, 0.2], "cycles": 20})
+    table["status"] = "complete"
+    figure = plot.survival(table, x="roughness", steps=range(1, 11))
+    assert len(figure.axes[0].containers) == 10
