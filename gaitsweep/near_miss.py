@@ -48,6 +48,9 @@ def spend(kind: Budgeted) -> bool:
 def nearest(word: str, allowed: Iterable[str]) -> str | None:
     """The allowed word that is most similar to another one, without regard to case.
 
+    Of equally similar words it is the first of those with the longest common beginning, and then the nearest
+    letter or digit: of x_1, x_2 and x_3 the last for x_4.
+
     Args:
         word: the word that is not allowed.
         allowed: the allowed words.
@@ -62,8 +65,20 @@ def nearest(word: str, allowed: Iterable[str]) -> str | None:
     for name in itertools.islice(allowed, _MAX_COMPARED):
         if len(name) <= 2 * _LONGEST_WORD:
             by_lower.setdefault(name.lower(), name)
-    matches = difflib.get_close_matches(word.lower(), list(by_lower), n=1, cutoff=0.6)
-    return by_lower[matches[0]] if matches else None
+    lower = word.lower()
+    matches = difflib.get_close_matches(lower, list(by_lower), n=_MAX_COMPARED, cutoff=0.6)
+    if not matches:
+        return None
+    similarity = {name: difflib.SequenceMatcher(None, name, lower).ratio() for name in matches}
+    most_similar = [name for name in by_lower if similarity.get(name) == similarity[matches[0]]]
+
+    def beginning(name: str) -> tuple[int, int]:
+        """The length of the common beginning, and minus the distance of the characters behind it."""
+        length = next(end for end in range(len(lower), -1, -1) if name.startswith(lower[:end]))
+        behind = zip(name[length : length + 1], lower[length : length + 1], strict=False)
+        return length, -sum(abs(ord(character) - ord(other)) for character, other in behind)
+
+    return by_lower[max(most_similar, key=beginning)]
 
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:

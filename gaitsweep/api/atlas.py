@@ -131,13 +131,7 @@ def atlas(
     ranges: Mapping[str, Sequence[float]],
     at: float | None = None,
     second: Mapping[str, Sequence[float]] | None = None,
-    out: str | Path | None = None,
-    params: Mapping[str, Any] | None = None,
-    start: Mapping[str, Any] | None = None,
-    numerics: Mapping[str, Any] | None = None,
-    engine: str | Mapping[str, Any] | None = None,
-    verify: int | None = None,
-    **values: Any,
+    **keywords: Any,
 ) -> Atlas:
     """Find all periodic gaits of a model and follow them, and what they meet, along a parameter.
 
@@ -149,28 +143,15 @@ def atlas(
         at: the value of the parameter at which gaits are searched; by default the first of `path`.
         second: a second parameter and its range, {name: (lowest, highest)}: bifurcations are followed in the
             plane of both.
-        out: the result directory; without it the tables are in memory.
-        params, start, numerics, engine, verify: as for `sweep`.
-        values: parameters and start values, as for `sweep`, and the other fields of the run kind: periods,
-            depth, budget, batch, patience, seed, branches, settle, fix, step, longest, shortest, most.
+        keywords: as for `sweep`: parameters and start values by name, `out`, `params`, `start`, `numerics`,
+            `engine`, `verify`, `client`; and the other fields of the run kind: periods, depth, budget, batch,
+            patience, seed, branches, settle, fix, step, longest, shortest, most.
 
     Raises:
         ArgumentError: a name that the model does not have, or a field that is not allowed.
         JobError: all other errors.
     """
     fields = {"parameter": parameter, "path": path, "ranges": ranges, "at": at, "second": second}
-    options = {name: values.pop(name) for name in list(values) if name in AtlasRun.model_fields}
+    options = {name: keywords.pop(name) for name in list(keywords) if name in AtlasRun.model_fields}
     kind = AtlasRun(**{name: value for name, value in fields.items() if value is not None}, **options)
-    return Atlas(
-        sweep(
-            model,
-            run=kind,
-            out=out,
-            params=params,
-            start=start,
-            numerics=numerics,
-            engine=engine,
-            verify=verify,
-            **values,
-        )
-    )
+    return Atlas(sweep(model, run=kind, **keywords))

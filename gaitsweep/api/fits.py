@@ -167,23 +167,11 @@ def sensitivity(
     """
     if method is None and not is_job(model):
         method = "sobol"
+    of_run = {"run": run, "params": params, "numerics": numerics, "engine": engine}
     return _SENSITIVITY.result(
         model,
-        own_fields={
-            "parameters": parameters,
-            "outputs": outputs,
-            "method": method,
-            "n": n,
-            "seed": seed,
-        },
-        job_fields={
-            "run": run,
-            "params": params,
-            "start": start,
-            "numerics": numerics,
-            "engine": engine,
-            "verify": verify,
-        },
+        own_fields={"parameters": parameters, "outputs": outputs, "method": method, "n": n, "seed": seed},
+        job_fields={**of_run, "start": start, "verify": verify},
         values=values,
         out=out,
         overrides=overrides,
@@ -238,10 +226,14 @@ class _Fit(Generic[FitT]):
         if is_job(model):
             refuse_beside_a_job(model, own_fields)
             refuse_beside_a_job(model, {**job_fields, **values})
-            return self._run(self._whole_job(model, overrides), out, on_progress, client)
+            if not isinstance(model, Mapping):
+                return self._run(self.load(model, overrides), out, on_progress, client)
         if overrides:
-            raise ArgumentError("overrides are for a job file: give the values as keywords.")
-        assert not isinstance(model, Path | Mapping)  # these are jobs
+            instead = "change the mapping instead" if is_job(model) else "give the values as keywords"
+            raise ArgumentError(f"overrides are for a job file: {instead}.")
+        if isinstance(model, Mapping):
+            return self._run(self.read(model, Path.cwd()), out, on_progress, client)
+        assert not isinstance(model, Path)  # a job
         run = Settle() if job_fields["run"] is None else job_fields["run"]
         fields = fields_without_axes(model, values, self.ranges, **{**job_fields, "run": run})
         section = plain({name: value for name, value in own_fields.items() if value is not None})
@@ -253,14 +245,6 @@ class _Fit(Generic[FitT]):
             result = self._run(job, folder, on_progress, client, in_memory=True)
         del result.table.attrs["path"]
         return dataclasses.replace(result, path=None)
-
-    def _whole_job(self, job: str | Path | Mapping[str, Any], overrides: Sequence[str]) -> Any:
-        """Read a whole job: its file, or its fields."""
-        if not isinstance(job, Mapping):
-            return self.load(job, overrides)
-        if overrides:
-            raise ArgumentError("overrides are for a job file: change the mapping instead.")
-        return self.read(job, Path.cwd())
 
     def _run(
         self,

@@ -50,11 +50,7 @@ class FixedPointsOfModel(abc.ABC):
     """
 
     def __init__(
-        self,
-        job: Job,
-        without_start: Sequence[str],
-        map_of: Callable[..., ModelMap],
-        period: int = 1,
+        self, job: Job, without_start: Sequence[str], map_of: Callable[..., ModelMap], period: int = 1
     ) -> None:
         design = job.design
         names = [quantity.name for quantity in design.model.parameters]

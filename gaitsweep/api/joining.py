@@ -84,18 +84,15 @@ def same_categories(*tables: Tables) -> list[pd.DataFrame]:
         ['walk', 'trot', 'gallop', 'none']
     """
     frames = _frames(tables)
-    joined: dict[str, dict[str, None]] = {}
+    dtypes: dict[str, pd.CategoricalDtype] = {}
     for name in dict.fromkeys(name for frame in frames for name in frame.columns):
         columns = [frame[name] for frame in frames if name in frame.columns]
         if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
+            values: dict[Any, None] = {}  # of all tables, in order
             for column in columns:
-                of_column = getattr(column.dtype, "categories", None)
-                found = column.dropna().unique() if of_column is None else of_column
-                joined.setdefault(name, {}).update(dict.fromkeys(found))
-    dtypes = {
-        name: pd.CategoricalDtype(sorted(found, key=lambda value: value in set(Outcome)))
-        for name, found in joined.items()
-    }
+                categories = getattr(column.dtype, "categories", None)
+                values |= dict.fromkeys(column.dropna().unique() if categories is None else categories)
+            dtypes[name] = pd.CategoricalDtype(sorted(values, key=lambda value: value in set(Outcome)))
     return [
         frame.astype({name: dtype for name, dtype in dtypes.items() if name in frame.columns})
         for frame in frames
@@ -184,7 +181,9 @@ def _with_differing_constants(
     Raises:
         ArgumentError: a column of one table is an axis of another, and no constant of its job.
     """
-    constants = [{key: value for part in _CONSTANTS for key, value in _of(job, part)} for job in jobs]
+    constants = [
+        {key: value for part in _CONSTANTS for key, value in (job.get(part) or {}).items()} for job in jobs
+    ]
     names = []
     for name in dict.fromkeys(name for of_job in constants for name in of_job):
         values = {repr(of_job.get(name)) for of_job in constants}
@@ -219,16 +218,11 @@ def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> A
     if not isinstance(value, str):
         return value
     values = {
-        each: frame[each].to_numpy() if each in frame.columns else _value_of(each, frame, constants)
-        for each in names_used(value)
-        if each in frame.columns or each in constants
+        used: frame[used].to_numpy() if used in frame.columns else _value_of(used, frame, constants)
+        for used in names_used(value)
+        if used in frame.columns or used in constants
     }
     return evaluate(value, values)
-
-
-def _of(job: Mapping[str, Any], part: str) -> Iterable[tuple[str, Any]]:
-    """The constants in a part of a job."""
-    return (job.get(part) or {}).items()
 
 
 def _with_rows_numbered_on(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:

@@ -6,11 +6,12 @@ Each imports its analysis when it runs, so that `--help` does not load JAX and p
 from __future__ import annotations
 
 import importlib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 from typer.main import get_group
 
@@ -44,18 +45,15 @@ app = typer.Typer(
 
 Observable = Annotated[
     str | None,
-    typer.Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
+    Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
 ]
 Parameter = Annotated[
-    str | None,
-    typer.Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's."),
+    str | None, Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's.")
 ]
 
 GroupColumns = Annotated[
     list[str] | None,
-    typer.Option(
-        "--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."
-    ),
+    Option("--by", metavar="COLUMN", help="Column whose values are analysed separately; may be repeated."),
 ]
 
 
@@ -77,25 +75,17 @@ def print_table(table: pd.DataFrame, digits: int = 4, *, index: bool = False) ->
     print(table.round(digits).to_string(index=index))
 
 
-def _print_tables(*tables: pd.DataFrame) -> None:
-    """Print data frames, each with an empty line after it."""
-    for table in tables:
-        print_table(table)
-        print()
-
-
 @app.command()
 def targets(
     directories: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR...", help="Result directories of searches for the same targets."),
+        list[Path], Argument(metavar="DIR...", help="Result directories of searches for the same targets.")
     ],
     within: Annotated[
-        float, typer.Option("--within", metavar="X", help="Largest miss of a met target, in reading errors.")
+        float, Option("--within", metavar="X", help="Largest miss of a met target, in reading errors.")
     ] = 1.0,
     target: Annotated[
         list[str] | None,
-        typer.Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
+        Option("--target", metavar="NAME", help="Analyse only this target; may be repeated."),
     ] = None,
 ) -> None:
     """Count the sets of a search that meet pairs of targets.
@@ -118,12 +108,10 @@ def targets(
 @app.command()
 def summary(
     directory: Directory,
-    by: Annotated[
-        list[str], typer.Option("--by", metavar="COLUMN", help="Column of groups; may be repeated.")
-    ],
+    by: Annotated[list[str], Option("--by", metavar="COLUMN", help="Column of groups; may be repeated.")],
     of: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--of",
             metavar="COLUMN",
             help="Column whose median, minimum and maximum are printed; may be repeated.",
@@ -134,30 +122,23 @@ def summary(
 
     A group is, for example, a gait; the median and the range of each column are printed.
     """
-    from gaitsweep.analysis.records import require, require_numbers
+    from gaitsweep.analysis.records import AnalysisError, require, require_numbers
 
     table = result_table(directory)
     of = list(dict.fromkeys(of or ()))
     require(table, *by)
     require_numbers(table, *of)
     columns_of = {name: [name, f"{name}_least", f"{name}_largest"] for name in of}
-    _refuse_repeated([*by, "rows", *(column for columns in columns_of.values() for column in columns)])
+    names = [*by, "rows", *(column for columns in columns_of.values() for column in columns)]
+    if repeated := next((name for name in names if names.count(name) > 1), None):
+        raise AnalysisError(
+            f"The result would have two columns {repeated}: name a column once, by --by or --of."
+        )
     groups = table.groupby(by, observed=True, dropna=False)
     counts = groups.size().to_frame("rows")
     for name, columns in columns_of.items():
         counts[columns] = groups[name].agg(["median", "min", "max"])
     print_table(counts.reset_index(), 6)
-
-
-def _refuse_repeated(columns: Sequence[str]) -> None:
-    """Raise AnalysisError where two columns of a result would have the same name."""
-    from gaitsweep.analysis.records import AnalysisError
-
-    for name in columns:
-        if columns.count(name) > 1:
-            raise AnalysisError(
-                f"The result would have two columns {name}: name a column once, by --by or --of."
-            )
 
 
 @app.command()
@@ -185,7 +166,9 @@ def basins(directory: Directory, by: GroupColumns = None) -> None:
     from gaitsweep.analysis.basins import measures
 
     measured = measures.basins(result_table(directory), by=by or ())
-    _print_tables(measured.fractions, measured.panels, measured.uncertainty)
+    for table in (measured.fractions, measured.panels, measured.uncertainty):
+        print_table(table)
+        print()
 
 
 @app.command()
@@ -193,7 +176,7 @@ def steps_to_fall(
     directory: Directory,
     by: GroupColumns = None,
     after: Annotated[
-        int, typer.Option("--after", metavar="N", help="Steps from the start that do not count.")
+        int, Option("--after", metavar="N", help="Steps from the start that do not count.")
     ] = 10,
 ) -> None:
     """Print mean numbers of steps to a fall.
@@ -236,10 +219,8 @@ def hysteresis(
     parameter: Parameter = None,
     least: Annotated[
         float | None,
-        typer.Option(
-            "--least",
-            metavar="X",
-            help="Least change that counts as a jump; by default as in the figure.",
+        Option(
+            "--least", metavar="X", help="Least change that counts as a jump; by default as in the figure."
         ),
     ] = None,
     by: GroupColumns = None,
@@ -292,9 +273,7 @@ def gait_transitions(
     parameter: Parameter = None,
     start: Annotated[
         str | None,
-        typer.Option(
-            "--start", metavar="NAME", help="Start that selects the branch; by default the figure's."
-        ),
+        Option("--start", metavar="NAME", help="Start that selects the branch; by default the figure's."),
     ] = None,
 ) -> None:
     """Print the parameter values at which gaits are lost.

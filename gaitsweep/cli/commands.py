@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 from typer.core import TyperGroup
 
 import gaitsweep
@@ -81,7 +82,7 @@ def _print_version(requested: bool) -> None:
 @app.callback()
 def _options(
     _version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Take the options that come before a command."""
@@ -95,39 +96,36 @@ app.command()(atlas)
 def plot(
     directory: Directory,
     width: Annotated[
-        str | None, typer.Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
+        str | None, Option("--width", help="Width: column (85 mm), page (180 mm), or mm.")
     ] = None,
-    height: Annotated[float | None, typer.Option("--height", help="Height of each figure, in mm.")] = None,
+    height: Annotated[float | None, Option("--height", help="Height of each figure, in mm.")] = None,
     formats: Annotated[
-        list[str], typer.Option("--format", help="File format: png, pdf or svg; may be repeated.")
+        list[str], Option("--format", help="File format: png, pdf or svg; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
-    dpi: Annotated[int | None, typer.Option("--dpi", help="Pixels per inch of png files (150).")] = None,
+    dpi: Annotated[int | None, Option("--dpi", help="Pixels per inch of png files (150).")] = None,
     colours: Annotated[
-        list[str], typer.Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated.")
+        list[str], Option("--colour", metavar="GAIT=COLOUR", help="Colour of a gait; may be repeated.")
     ] = [],  # noqa: B006 - typer does not change it
     panel_columns: Annotated[
-        int | None, typer.Option("--panel-columns", help="Number of panels beside each other.")
+        int | None, Option("--panel-columns", help="Number of panels beside each other.")
     ] = None,
     panel_letters: Annotated[
-        bool,
-        typer.Option("--panel-letters", help="Write a, b, ...; other letters: --set 'panel_letters=[d, e]'."),
+        bool, Option("--panel-letters", help="Write a, b, ...; other letters: --set 'panel_letters=[d, e]'.")
     ] = False,
     hatches: Annotated[
-        bool | None,
-        typer.Option("--hatches/--no-hatches", help="Hatch areas of gaits, for grey print (default)."),
+        bool | None, Option("--hatches/--no-hatches", help="Hatch areas of gaits, for grey print (default).")
     ] = None,
     no_marks: Annotated[
-        bool, typer.Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
+        bool, Option("--no-marks", help="Omit the remark on an incomplete or doubtful table.")
     ] = False,
     fields: Annotated[
         list[str],
-        typer.Option(
+        Option(
             "--set", metavar="FIELD=VALUE", help="Any other field of figures: title=none, shares=false, ..."
         ),
     ] = [],  # noqa: B006 - typer does not change it
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Folder of the files (DIR/figures)."),
+        Path | None, Option("--out", metavar="FOLDER", help="Folder of the files (DIR/figures).")
     ] = None,
     open_it: Open = False,
 ) -> None:
@@ -201,7 +199,7 @@ app.add_typer(analyse.app, name="analyse")
 def info(
     directory: Directory,
     columns: Annotated[
-        bool, typer.Option("--columns", help="Print the unit and the meaning of each column instead.")
+        bool, Option("--columns", help="Print the unit and the meaning of each column instead.")
     ] = False,
 ) -> None:
     """Print the contents of a result directory and its provenance."""
@@ -225,7 +223,7 @@ app.command()(models.check_model)
 @app.command()
 def check(
     job_files: Annotated[
-        list[Path], typer.Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs.")
+        list[Path], Argument(metavar="JOB.yaml...", parser=shipped_or_own, help="One or more jobs.")
     ],
 ) -> None:
     """Check jobs without running them, and print one line for each."""
@@ -251,6 +249,7 @@ def _size_of(job_file: Path) -> str:
     Raises:
         JobError: the job is not valid.
     """
+    from gaitsweep.dynamics.mjcf import OfMjcf
     from gaitsweep.job import load_job
     from gaitsweep.job.row_remarks import remarks_on_rows
     from gaitsweep.schema.yaml_document import read_document
@@ -268,7 +267,9 @@ def _size_of(job_file: Path) -> str:
 
         return f"{load_sensitivity(job_file).design.n_rows} sets"
     job = load_job(job_file)
-    for remark in remarks_on_rows(job.design, job.model):
+    model = job.design.model.original
+    remarks = model.remarks if isinstance(model, OfMjcf) else ()
+    for remark in (*remarks, *remarks_on_rows(job.design, job.model)):
         print_message(f"Warning: {job_file}: {remark}")
     return f"{job.design.n_rows} row{'s' * (job.design.n_rows != 1)}"
 
@@ -289,7 +290,7 @@ def report(directory: Directory, open_it: Open = False) -> None:
 @app.command()
 def cite(
     directory: Annotated[
-        Path | None, typer.Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
+        Path | None, Argument(metavar="DIR", help="Result directory; by default gaitsweep alone.")
     ] = None,
 ) -> None:
     """Print BibTeX entries and a sentence on methods."""
@@ -314,8 +315,7 @@ app.command()(sensitivity)
 @app.command(name="schema")
 def write_schema(
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help="Output file; by default the schema is printed."),
+        Path | None, Option("--out", metavar="FILE", help="Output file; by default the schema is printed.")
     ] = None,
 ) -> None:
     """Write the JSON schema of job files, for editors."""

@@ -1,4 +1,4 @@
-"""The command `examples`: lists and copies the jobs, models, configs and notebooks of gaitsweep."""
+"""The command `examples`: lists and copies the jobs, models, configs, notebooks and pages of gaitsweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import textwrap
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from gaitsweep import near_miss
 from gaitsweep.cli.new_files import add_files
@@ -17,12 +17,14 @@ from gaitsweep.errors import ArgumentError
 from gaitsweep.extension import folders
 from gaitsweep.shipped import BUILTIN, EXAMPLES, portable_text, shipped
 
-KINDS = ("models", "notebooks", "jobs", "configs")
+KINDS = ("models", "notebooks", "jobs", "configs", "pages")
+_PAGES = ("own_model", "walker")  # of the documentation, which messages name
 _NOTES = {
     "models": "small models to start your own from, each with a job",
     "notebooks": "introductions to the papers' models and to writing your own",
     "jobs": "the papers' figures, and further studies",
     "configs": "the papers' parameters: `config: builtin:NAME` in a job",
+    "pages": "pages of the documentation on models of your own",
 }
 
 
@@ -39,13 +41,13 @@ class Example:
 def examples(
     name: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             metavar="NAME",
             help="Example to copy: a name in the list, or a kind, such as models, for all of it.",
         ),
     ] = None,
     to: Annotated[
-        Path, typer.Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
+        Path, Option("--to", metavar="DIR", help="Folder for the files; by default the current one.")
     ] = Path(),
 ) -> None:
     """List or copy the jobs, models and notebooks shipped.
@@ -76,7 +78,8 @@ def known_examples() -> list[Example]:
         files = [file for folder in folders(kind) for file in folder.glob("*.yaml")]
         for file in sorted(files, key=lambda file: file.name):
             known.append(Example(file.stem, kind, (file,), _first_line(file)))
-    return known
+    pages = (shipped("docs") / f"{name}.md" for name in _PAGES)
+    return [*known, *(Example(page.stem, "pages", (page,), _first_line(page)) for page in pages)]
 
 
 def _with_its_files(job: Path) -> tuple[Path, ...]:
@@ -108,7 +111,7 @@ def _list(known: list[Example]) -> None:
 
 
 def _first_line(file: Path) -> str:
-    """The first line of the comment at the beginning of a YAML file."""
+    """The first line of the comment of a YAML file, or the title of a page, at its beginning."""
     first = file.read_text(encoding="utf-8").partition("\n")[0]
     return first.lstrip("# ").strip() if first.startswith("#") else ""
 

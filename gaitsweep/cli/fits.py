@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument
 
 from gaitsweep.cli.options import ClusterAsForRun, DryRun, Open, Out, Settings, print_message
 from gaitsweep.cli.run import print_outcome, running
@@ -15,7 +15,7 @@ from gaitsweep.shipped import job_file as shipped_or_own
 def search(
     job_file: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="JOB.yaml", parser=shipped_or_own, help="Job file with `search:` in place of `vary:`."
         ),
     ],
@@ -48,7 +48,7 @@ def search(
 def sensitivity(
     job_file: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="JOB.yaml",
             parser=shipped_or_own,
             help="Job file with `sensitivity:` in place of `vary:`.",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from gaitsweep.cli.new_files import NewFilesError, write_folder
 from gaitsweep.cli.options import NewFolder, print_message
@@ -41,8 +42,7 @@ _PAPER = {
 
 def models(
     name: Annotated[
-        str | None,
-        typer.Argument(metavar="NAME", help="Model to describe; by default all models are listed."),
+        str | None, Argument(metavar="NAME", help="Model to describe; by default all models are listed.")
     ] = None,
 ) -> None:
     """List all models, or describe one model.
@@ -59,9 +59,7 @@ def models(
 
 
 def new_model(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: my_hopper.")
-    ],
+    name: Annotated[str, Argument(metavar="NAME", help="Name in lower case, valid in Python: my_hopper.")],
     to: NewFolder = Path(),
 ) -> None:
     """Write a template of your own model.
@@ -73,9 +71,7 @@ def new_model(
 
 
 def new_paper(
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Name in lower case, valid in Python: goswami1998.")
-    ],
+    name: Annotated[str, Argument(metavar="NAME", help="Name in lower case, valid in Python: goswami1998.")],
     to: NewFolder = Path(),
 ) -> None:
     """Write a template of a paper's package.
@@ -111,16 +107,14 @@ def _class_name(name: str) -> str:
 
 def check_model(
     name: Annotated[
-        str,
-        typer.Argument(metavar="MODULE:CLASS", help="Model: package.module:attribute, or a registered name."),
+        str, Argument(metavar="MODULE:CLASS", help="Model: package.module:attribute, or a registered name.")
     ],
     steps: Annotated[
-        int | None,
-        typer.Argument(metavar="[STEPS]", min=1, help="Number of steps of --against-c; 300 by default."),
+        int | None, Argument(metavar="[STEPS]", min=1, help="Number of steps of --against-c; 300 by default.")
     ] = None,
     against_c: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--against-c",
             help="Compare STEPS steps of an MJCF model with MuJoCo C, from each keyframe and 8 random "
             "states.",

@@ -7,38 +7,37 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-Directory = Annotated[Path, typer.Argument(metavar="DIR", help="Result directory.")]
+Directory = Annotated[Path, Argument(metavar="DIR", help="Result directory.")]
 Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
+    Path | None, Option("--out", metavar="DIR", help="Result directory; by default results/NAME.")
 ]
 # `gaitsweep.job.load.read_with_overrides` applies these to the job.
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
+    Option("--set", metavar="KEY=VALUE", help="Override a field of the job; may be repeated."),
 ]
 DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Print the resources that the job would need, without running it.")
+    bool, Option("--dry-run", help="Print the resources that the job would need, without running it.")
 ]
 ClusterAsForRun = Annotated[
-    str | None,
-    typer.Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`."),
+    str | None, Option("--cluster", metavar="WHERE", help="Dask workers that compute the rows, as for `run`.")
 ]
 NewFolder = Annotated[
     Path,
-    typer.Option(
+    Option(
         "--to", metavar="DIR", help="Folder that will contain the folder NAME; by default the current one."
     ),
 ]
 Trust = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--trust", help="Allow running the code of your own model from DIR, or from the folder named in DIR."
     ),
 ]
 
-Open = Annotated[bool, typer.Option("--open", help="Open the written page or figures in the browser.")]
+Open = Annotated[bool, Option("--open", help="Open the written page or figures in the browser.")]
 
 
 def print_links(paths: Iterable[Path | str], *, open_them: bool) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from gaitsweep.cli.options import Open, print_links, print_message
 from gaitsweep.errors import EXIT_FAILURE, EXIT_STRICT
@@ -15,28 +16,24 @@ if TYPE_CHECKING:
 
 
 def reproduce(
-    paper: Annotated[
-        str, typer.Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")
-    ],
+    paper: Annotated[str, Argument(metavar="PAPER", help="Name of a paper, or file of a table of claims.")],
     quick: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--quick",
             help="Use fewer rows, wider tolerances and no self-check: minutes instead of up to an hour.",
         ),
     ] = False,
     claims: Annotated[
         str | None,
-        typer.Option(
-            "--claims", metavar="ID,ID,...", help="Check only these claims, and run only their jobs."
-        ),
+        Option("--claims", metavar="ID,ID,...", help="Check only these claims, and run only their jobs."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
+        Option("--out", metavar="DIR", help="Output directory; by default results/reproduce_PAPER."),
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help=f"Exit with code {EXIT_STRICT} if a claim is not reproduced.")
+        bool, Option("--strict", help=f"Exit with code {EXIT_STRICT} if a claim is not reproduced.")
     ] = False,
     open_it: Open = False,
 ) -> None:

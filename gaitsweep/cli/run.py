@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from gaitsweep.cli import stored_output
 from gaitsweep.cli.options import DryRun, Open, Out, Settings, Trust, print_links, print_message
@@ -27,26 +28,25 @@ if TYPE_CHECKING:
 
 JobFile = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="JOB.yaml",
         parser=shipped_or_own,
         help="Job file, or builtin:NAME of a shipped job (see `gaitsweep examples`).",
     ),
 ]
 Engine = Annotated[
-    str | None,
-    typer.Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's."),
+    str | None, Option("--engine", metavar="NAME", help="auto, xla or kernel; by default the job's.")
 ]
 Strict = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--strict",
         help=f"Exit with code {EXIT_STRICT} if the self-check warns; `--set verify=0` switches it off.",
     ),
 ]
 RowRange = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--rows",
         metavar="A:B",
         help="Run only rows A to B-1, which must be whole blocks, while other processes run other "
@@ -55,7 +55,7 @@ RowRange = Annotated[
 ]
 Workers = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--cluster",
         metavar="WHERE",
         help="Dask workers that compute the rows: local:N (N processes on this machine), the scheduler "
@@ -63,12 +63,11 @@ Workers = Annotated[
     ),
 ]
 Collect = Annotated[
-    bool,
-    typer.Option("--collect", help="Return parts through the scheduler, without a shared directory."),
+    bool, Option("--collect", help="Return parts through the scheduler, without a shared directory.")
 ]
 BlockLimit = Annotated[
     float | None,
-    typer.Option(
+    Option(
         "--block-limit",
         metavar="S",
         min=1.0,
@@ -179,7 +178,7 @@ def _is_repeatable(job: Job, messages: Sequence[str]) -> bool:
 def atlas(
     target: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="JOB.yaml|DIR",
             parser=shipped_or_own,
             help="Job with `run: {kind: atlas}`, or, with --more, the result directory of one.",
@@ -187,17 +186,14 @@ def atlas(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--out", metavar="DIR", help="Result directory; by default results/NAME, or DIR_more with --more."
         ),
     ] = None,
     settings: Settings = None,
     more: Annotated[
         bool,
-        typer.Option(
-            "--more",
-            help="Make the atlas in DIR again: twice the starts, and one bifurcation more.",
-        ),
+        Option("--more", help="Make the atlas in DIR again: twice the starts, and one bifurcation more."),
     ] = False,
     trust: Trust = False,
     open_it: Open = False,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -14,6 +14,7 @@ from rich.table import Table
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.runs.sentences import (
     DESCRIBED,
+    IF_IT_DOES_NOT_WALK,
     REMARKS,
     axes,
     plain,
@@ -75,12 +76,8 @@ def gaits_of_sound_rows(gaits: Mapping[str, int], rows: int) -> str:
     left_out = rows - sum(gaits.values())
     if left_out == 0:
         return counts(gaits)
-    others = (
-        "1 row that failed or did not settle is"
-        if left_out == 1
-        else (f"{left_out} rows that failed or did not settle are")
-    )
-    return f"{counts(gaits)}; {others} not counted"
+    noun, verb = ("row", "is") if left_out == 1 else ("rows", "are")
+    return f"{counts(gaits)}; {left_out} {noun} that failed or did not settle {verb} not counted"
 
 
 def shares(by_status: Mapping[str, int]) -> str:
@@ -121,7 +118,7 @@ def outcome(snapshot: Snapshot) -> str:
             meaning = status_sentence(worst, snapshot.job, manifest)
         lines.append(f"No row ended normally. {worst}: {meaning}")
         if str(snapshot.job.get("model")).endswith(_MODEL_FILES):
-            lines[-1] += " docs/walker.md, `If it does not walk`, helps to find a gait."
+            lines[-1] += f" {IF_IT_DOES_NOT_WALK} helps to find a gait."
     if slowest := manifest.get("slowest"):
         lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
     if stalls := manifest.get("stalls"):
@@ -186,26 +183,27 @@ def columns_of(snapshot: Snapshot) -> None:
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Format entries of a manifest as lines, by their titles."""
+    formats: dict[str, tuple[str, Callable[[Any], str]]] = {
+        "stalls": ("stalls", stalled),
+        "slowest": ("unsettled", lambda of: f"{unsettled(of)} (largest change relative to its tolerance)"),
+        "largest_distance": (
+            "distance",
+            lambda of: f"{distance(of)}, the largest from the analytic solutions",
+        ),
+        "axes": ("axes", lambda of: axes(of) or "none"),
+        "gaits": ("gaits", lambda of: gaits_of_sound_rows(of, manifest["rows"])),
+        "self_check": ("self-check", lambda of: self_check_sentence(of).removeprefix("Self-check: ")),
+    }
     lines = settings_of(manifest)
     for key, value in manifest.items():
-        if key == "stalls" and isinstance(value, dict):
-            lines[key] = stalled(value)
-        elif key == "slowest" and isinstance(value, dict):
-            lines["unsettled"] = f"{unsettled(value)} (largest change relative to its tolerance)"
-        elif key == "largest_distance" and isinstance(value, dict):
-            if value:
-                lines["distance"] = f"{distance(value)}, the largest from the analytic solutions"
-        elif key == "axes" and isinstance(value, list):
-            lines[key] = axes(value) or "none"
-        elif key == "gaits" and isinstance(value, dict):
-            if value:
-                lines[key] = gaits_of_sound_rows(value, manifest["rows"])
+        if key in formats and isinstance(value, dict | list):
+            title, text_of = formats[key]
+            if value or key == "axes":
+                lines[title] = text_of(value)
         elif key == "findings" and isinstance(value, list):
             lines |= {key if number == 0 else " " * number: text for number, text in enumerate(value)}
         elif key in REMARKS:
             lines[key.replace("_", " ")] = " ".join(remarks({key: value}))
-        elif key == "self_check" and isinstance(value, dict):
-            lines["self-check"] = self_check_sentence(value).removeprefix("Self-check: ")
         elif key not in _NOT_LISTED:
             lines[key] = plain(value)
     return lines

@@ -8,27 +8,26 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
+from typer import Option
 from typer.core import TyperCommand
 
 from gaitsweep.cli.options import Directory, Open, Trust, print_links, print_message
 
-Row = Annotated[int, typer.Option("--row", metavar="N", help="Number of the row.")]
+Row = Annotated[int, Option("--row", metavar="N", help="Number of the row.")]
 MovieFile = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--out",
         metavar="FILE",
         help="Output file, .gif or .mp4 (.png with --still); by default in DIR/figures.",
     ),
 ]
 Start = Annotated[
-    float | None,
-    typer.Option("--start", metavar="S", help="Time in the row at which the movie begins, s."),
+    float | None, Option("--start", metavar="S", help="Time in the row at which the movie begins, s.")
 ]
 Seconds = Annotated[
     float | None,
-    typer.Option(
+    Option(
         "--seconds",
         metavar="S",
         help="Length in time of the row, s; by default a whole trace, or the last cycles.",
@@ -36,25 +35,20 @@ Seconds = Annotated[
 ]
 Speed = Annotated[
     float | None,
-    typer.Option(
-        "--speed", metavar="X", help="Speed relative to real time; by default a cycle takes about 1.6 s."
-    ),
+    Option("--speed", metavar="X", help="Speed relative to real time; by default a cycle takes about 1.6 s."),
 ]
 FramesPerSecond = Annotated[
-    float | None, typer.Option("--fps", metavar="N", help="Frames per second; 25 by default.")
+    float | None, Option("--fps", metavar="N", help="Frames per second; 25 by default.")
 ]
 Size = Annotated[
     str | None,
-    typer.Option(
-        "--size", metavar="WxH", help="Size in pixels; by default 960x540, or 1600x560 with --still."
-    ),
+    Option("--size", metavar="WxH", help="Size in pixels; by default 960x540, or 1600x560 with --still."),
 ]
 Renderer = Annotated[
-    str, typer.Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available.")
+    str, Option("--renderer", metavar="NAME", help="mujoco, matplotlib, or auto: mujoco if available.")
 ]
 Lift = Annotated[
-    float,
-    typer.Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are."),
+    float, Option("--lift", metavar="X", help="Draw feet X times as high over the ground as they are.")
 ]
 _LAST = "last"
 
@@ -66,7 +60,7 @@ def _beginning(text: str) -> float | str:
 
 Still = Annotated[
     Any,
-    typer.Option(
+    Option(
         "--still",
         metavar="[T]",
         parser=_beginning,
@@ -161,25 +155,24 @@ def _size(text: str) -> tuple[int, int]:
 def explore(
     directory: Directory,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Output file; by default DIR/explore.html.")
+        Path | None, Option("--out", metavar="FILE", help="Output file; by default DIR/explore.html.")
     ] = None,
     x: Annotated[
         str | None,
-        typer.Option("--x", metavar="COLUMN", help="Column on the horizontal axis; by default the figure's."),
+        Option("--x", metavar="COLUMN", help="Column on the horizontal axis; by default the figure's."),
     ] = None,
     y: Annotated[
         str | None,
-        typer.Option("--y", metavar="COLUMN", help="Column on the vertical axis; by default the figure's."),
+        Option("--y", metavar="COLUMN", help="Column on the vertical axis; by default the figure's."),
     ] = None,
     replays: Annotated[
         int | None,
-        typer.Option(
+        Option(
             "--walks", metavar="N", help="Largest number of starts that are simulated again; 400 by default."
         ),
     ] = None,
     max_size: Annotated[
-        float | None,
-        typer.Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default."),
+        float | None, Option("--max-size", metavar="MB", help="Largest size of the page; 10 MB by default.")
     ] = None,
     trust: Trust = False,
     open_it: Open = False,

@@ -143,7 +143,7 @@ def _faults(model: type[Declared], sizes: Mapping[str, Any]) -> Iterator[str]:
     for column, (name, others) in columns.items():
         if column in others or (column in names and column != name):
             remedy = f'write {name}_, or another name with symbol="{name}"'
-            page = "docs/own_model.md lists the names of columns"
+            page = "`gaitsweep examples own_model` copies a page with the names of columns"
             yield f"with a quantity {name}, but tables have a column {column}: {remedy}. {page}."
     for quantity in (*settable, *signals, *observables):
         yield from faults_of_quantity(quantity, quantity in starts)

@@ -238,6 +238,7 @@ class OfMjcf(Model):
 
     body_file: ClassVar[str]  # the MJCF: a path from the folder of the model's module, or the XML itself
     keyframe: ClassVar[str] = ""  # the name of the keyframe of a start; the first one by default
+    remarks: ClassVar[tuple[str, ...]] = ()  # on the file that describes the model; they are among `caveats`
 
     @abc.abstractmethod
     def control(self, params: Any, state: Any, /) -> Float[Any, " nu"]:

@@ -41,7 +41,7 @@ from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
-from gaitsweep.runs.progress import Progress
+from gaitsweep.runs.progress import Progress, steps_per_second
 from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic, refuse
 from gaitsweep.table import ResultDirectory, TableError, load, load_with_snapshot
@@ -326,9 +326,9 @@ class _Search:
         new += sum(int(now.share * now.rows / rows_per_set) for now in batches)
         rate = new / max(time.perf_counter() - self.began, 1e-9)
         best = f"best score {self.best:.3g}, " if np.isfinite(self.best) else ""
-        steps_per_second = sum(now.attempts / max(now.seconds, 1e-9) for now in batches)
+        rate_of_steps = sum(now.attempts / max(now.seconds, 1e-9) for now in batches)
         done = min(self.sets_before + new, total)
-        note = f"{best}{steps_per_second / 1e6:.1f} million steps/s"
+        note = f"{best}{steps_per_second(rate_of_steps)}"
         self.on_progress(done, total, rate, done / total, note)
 
     def _frame(self, generation: int, first: int, sets: Sets, measured: MeasuredByName) -> pd.DataFrame:

@@ -52,9 +52,7 @@ Name = Annotated[
 ]
 Shares = Annotated[Flag, "whether to write the share of each outcome, above panels or in the legend"]
 Title = Annotated[
-    str | None,
-    BeforeValidator(checked(read_title)),
-    'text above the figure; "" or none: no text there',
+    str | None, BeforeValidator(checked(read_title)), 'text above the figure; "" or none: no text there'
 ]
 Bandwidth = Annotated[
     Positive | None,

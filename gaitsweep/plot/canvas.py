@@ -10,13 +10,15 @@ from typing import Any, TypeVar, cast
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 
-from gaitsweep.plot.columns import PlotError
+from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.columns import PlotError, log_axes
 from gaitsweep.plot.figure_layout import (
     COLLAPSED,
     INCH,
@@ -177,6 +179,32 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
 
 
 @contextlib.contextmanager
+def diagram(
+    table: pd.DataFrame,
+    x: str,
+    y: str,
+    title: str | None,
+    *,
+    width: float = COLUMN + 1.6,
+    height: float = 3.4,
+) -> Iterator[tuple[Figure, Axes]]:
+    """A context like `canvas`, with one panel whose axes have the labels and scales of columns.
+
+    Args:
+        table: the table.
+        x, y: its columns along the axes.
+        title: text above the figure.
+        width, height: size in inches, unless the figure's style has another.
+    """
+    with canvas(width, height, title) as figure:
+        axes = figure.subplots()
+        axes.set_xlabel(described(table, x))
+        axes.set_ylabel(described(table, y, 36))
+        log_axes(axes, table, x=x, y=y)
+        yield figure, axes
+
+
+@contextlib.contextmanager
 def frame(width: float, height: float) -> Iterator[Figure]:
     """A context like `canvas`, for a picture of exactly this size: it has no style and no layout engine.
 
@@ -272,6 +300,31 @@ def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> li
     for axes in cells[max(count - grid[1], 0) : count]:
         axes.tick_params(labelbottom=True)
     return list(cells[:count])
+
+
+def stacked_panels(
+    figure: Figure, grid: tuple[int, int], count: int, heights: Sequence[float]
+) -> list[list[Axes]]:
+    """A grid of panels of several axes above each other: for each of these heights, the axes of all panels.
+
+    Panels share the horizontal axis, and each of their vertical axes with those beside it.
+
+    Args:
+        figure: that of `canvas`.
+        grid: rows and columns of panels, the result of `shape`.
+        count: number of panels.
+        heights: heights of the axes of a panel, relative to each other.
+    """
+    down, across = grid
+    options: dict[str, Any] = {"sharex": True, "squeeze": False, "height_ratios": [*heights] * down}
+    cells = figure.subplots(len(heights) * down, across, **options)
+    layers = [cells[layer :: len(heights)].ravel() for layer in range(len(heights))]
+    for layer in layers:
+        for axes in layer[count:]:
+            axes.remove()
+        for axes in layer[1:count]:
+            axes.sharey(layer[0])
+    return [list(layer[:count]) for layer in layers]
 
 
 def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str = "", y: str = "") -> None:

@@ -15,12 +15,14 @@ from gaitsweep.angles import branch_cut
 from gaitsweep.angles import is_circular as is_angle
 from gaitsweep.design.vary import written_groups
 from gaitsweep.errors import UserError
+from gaitsweep.status import Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 OTHER = "another gait"  # settled, but in no gait of the model
+HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)  # outcomes whose cells are hatched grey, whatever the hue is
 
 
 class PlotError(UserError, ValueError):
@@ -76,6 +78,12 @@ def rows_where(table: pd.DataFrame, mask: Any) -> pd.DataFrame:
     return cast(pd.DataFrame, table.loc[np.asarray(mask, bool)])
 
 
+def by_value(table: pd.DataFrame, name: str | None) -> list[tuple[Any, pd.DataFrame]]:
+    """The values of a column, rising, each with its rows; None with the whole table if there are none."""
+    values = [] if name is None else sorted(table[name].dropna().unique())
+    return [(value, rows_where(table, table[name] == value)) for value in values] or [(None, table)]
+
+
 def moved_parameter(table: pd.DataFrame) -> str | None:
     """The parameter that the table's job moves; None if it moves none."""
     return table.attrs.get("job", {}).get("run", {}).get("parameter")
@@ -104,11 +112,29 @@ def is_drawn(table: pd.DataFrame, name: str) -> bool:
     return False
 
 
+def _written_axes(table: pd.DataFrame, name: str) -> list[Any]:
+    """The axis of a column as the table's job has it, alone or in a zip; empty without one."""
+    groups = written_groups(table.attrs.get("job", {}).get("vary"))
+    return [group[name] for _, group in groups if name in group]
+
+
 def is_logarithmic(table: pd.DataFrame, name: str) -> bool:
     """Whether the table's job varies a column in equal ratios (`logspace`), on a logarithmic axis."""
-    groups = written_groups(table.attrs.get("job", {}).get("vary"))
-    axes = [group[name] for _, group in groups if name in group]
-    return any(isinstance(axis, Mapping) and "logspace" in axis for axis in axes)
+    return any(isinstance(axis, Mapping) and "logspace" in axis for axis in _written_axes(table, name))
+
+
+def listed_values(table: pd.DataFrame, name: str) -> list[float]:
+    """The values of a column that the table's job lists one by one; empty if it does not list numbers."""
+    for axis in _written_axes(table, name):
+        values = axis.get("values") if isinstance(axis, Mapping) else axis
+        if isinstance(values, list) and all(isinstance(value, int | float) for value in values):
+            return [float(value) for value in values]
+    return []
+
+
+def is_turn(table: pd.DataFrame, name: str) -> bool:
+    """Whether a column is an angle along an axis that is not logarithmic, with ticks in multiples of pi."""
+    return is_angle(table, name) and not is_logarithmic(table, name)
 
 
 def log_axes(axes: Axes, table: pd.DataFrame, **along: str) -> None:
@@ -127,16 +153,21 @@ def outcome(table: pd.DataFrame, hue: str) -> pd.Series:
 MOST_PANELS = 12  # for values that are not named by `panels`
 
 
+def parameters_of(table: pd.DataFrame) -> set[str]:
+    """The names of the parameters of a table's model; none if the model is not known."""
+    from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
+
+    model = model_of(table)
+    return set() if model is None else {quantity.name for quantity in model.parameters}
+
+
 def varying_parameters(table: pd.DataFrame) -> list[str]:
     """The parameters of a table's model that differ between its rows, without the seeds of an ensemble.
 
     Rows that differ in starts and seeds are of one system; rows that differ in a parameter are not. A table
     without a known model has none.
     """
-    from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
-
-    model = model_of(table)
-    parameters = {quantity.name for quantity in model.parameters} if model is not None else set()
+    parameters = parameters_of(table)
     return [
         name for name in axes_of(table) if is_compared(name, parameters) and len(table[name].unique()) > 1
     ]
@@ -161,7 +192,7 @@ def require_one_system(table: pd.DataFrame, *shown: str | None) -> None:
 
     Args:
         table: the table.
-        shown: columns that the figure shows, along an axis, by panels or by colours.
+        shown: columns that the figure shows, along an axis, by panels or by colours; None is skipped.
 
     Raises:
         PlotError: they differ; the message names the parameter and rows to keep.

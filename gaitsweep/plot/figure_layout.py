@@ -10,8 +10,10 @@ from typing import cast
 import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from gaitsweep.plot.columns import PlotError
 
@@ -89,14 +91,14 @@ def check_height(figure: Figure, natural: float) -> None:
     figure.set_figheight(natural)
     enough = np.minimum(_LEAST_PANEL / INCH, _LEAST_SHARE_OF_NATURAL * _panel_heights(figure))
     figure.set_figheight(requested / INCH)
-    while (_panel_heights(figure) < enough).any() and least < _HIGHEST:
+    while (_panel_heights(figure) < enough).any():
+        if least >= _HIGHEST:
+            raise PlotError(
+                f"height is {requested:g} mm, but this figure needs more than {least:g} mm: make it "
+                "wider or draw fewer panels."
+            )
         least = _HEIGHT_STEP * (least // _HEIGHT_STEP + 1.0)
         figure.set_figheight(least / INCH)
-    if (_panel_heights(figure) < enough).any():
-        raise PlotError(
-            f"height is {requested:g} mm, but this figure needs more than {least:g} mm: make it "
-            "wider or draw fewer panels."
-        )
     if least > requested:
         raise PlotError(f"height is {requested:g} mm, but this figure needs at least {least:g} mm.")
 
@@ -112,6 +114,13 @@ def _panel_heights(figure: Figure) -> Float[np.ndarray, " panels"]:
     return np.zeros_like(heights) if collapsed else heights
 
 
+def titles_of(axes: Axes) -> list[Text]:
+    """The titles of a panel that have a text."""
+    # Matplotlib has no public names for titles at the sides
+    titles = [axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right"))]
+    return [title for title in titles if title.get_text()]
+
+
 def break_lines(figure: Figure) -> None:
     """Break the lines of titles and labels that are longer than their panel, once the layout is known."""
     figure.draw_without_rendering()
@@ -124,8 +133,7 @@ def break_lines(figure: Figure) -> None:
         gap = min((gap for gap in gaps if gap > 0.0), default=np.inf)
         beside = min(_OVERHANG * figure.dpi, panel.x0, figure.bbox.width - panel.x1, _SHARE_OF_GAP * gap)
         overhang = 2.0 * max(beside, 0.0)  # at both sides
-        # Matplotlib has no public names for titles at the sides
-        titles = (axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right")))
+        titles = titles_of(axes)
         for text in (axes.xaxis.label, axes.yaxis.label, *titles):
             box = text.get_window_extent(renderer)
             vertical = text is axes.yaxis.label

@@ -20,9 +20,9 @@ from gaitsweep.plot.arguments import Panels, Title, Window
 from gaitsweep.plot.column_labels import row_names, written
 from gaitsweep.plot.columns import PlotError, column, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, check_window, figure_kind
-from gaitsweep.plot.limbs import limb_colours, limbs_of, model_of, name_limbs
+from gaitsweep.plot.limbs import limb_colours, limbs_of_model, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.skeleton import Limb, LimbLook
 
 _NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
 _NEAR_FREE = 0.55  # cycles: the same at a link whose lag is free
@@ -84,7 +84,7 @@ def footprints(
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
     parts, title = theme.first_of(parts or [(None, table)], _MOST_PANELS, title)
     height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
-    limbs = limbs_of(table, len(legs))
+    limbs = limbs_of_model(model_of(table), len(legs))
     with theme.canvas(theme.PAGE, height, title) as figure:
         grid = figure.subplots(len(parts), 1, squeeze=False)[:, 0]
         waves: set[str] = set()
@@ -161,11 +161,15 @@ def _draw_panel(
         theme.message(axes, f"This row was recorded from {first:.4g} to {last:.4g} s only.")
         return _Drawn(set(), [])
     contacts = [contact_intervals(t, samples[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    hops = [float(gap) for starts, stops in contacts for gap in _hops(starts, stops, low, high)]
-    stances = [_without_hops(starts, stops) for starts, stops in contacts]
-    for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
-        bars = list(zip(starts, stops - starts, strict=True))
-        axes.broken_barh(bars, (row - _BAR / 2, _BAR), facecolors=colour, linewidth=0)
+    gaps = [starts[1:] - stops[:-1] for starts, stops in contacts]
+    swings = [of_leg > _HOP * of_leg.max(initial=0.0) for of_leg in gaps]
+    hops = [
+        float(gap)
+        for (starts, stops), of_leg, swing in zip(contacts, gaps, swings, strict=True)
+        for gap in of_leg[~swing & (stops[:-1] >= low) & (starts[1:] <= high)]
+    ]
+    stances = [joined_stances(*contact, swing) for contact, swing in zip(contacts, swings, strict=True)]
+    draw_stances(axes, stances, limbs, _BAR)
     axes.set_xlim(low, high)
     period = _period(stances, first)
     if period is None:
@@ -177,6 +181,22 @@ def _draw_panel(
     model = model_of(samples)
     free_link = None if model is None else model.free_link(samples, len(legs))
     return _Drawn(_guides(axes, middles, period, free_link), hops)
+
+
+def draw_stances(
+    axes: Axes, stances: Sequence[Stances], limbs: Sequence[Limb | LimbLook], height: float
+) -> None:
+    """Draw the stances of limbs as rows of bars in their colours.
+
+    Args:
+        axes: the panel, in which the rows are at 0, 1, ...
+        stances: those of each limb.
+        limbs: the limbs.
+        height: of a bar, as a share of its row.
+    """
+    for row, ((starts, stops), colour) in enumerate(zip(stances, limb_colours(limbs), strict=True)):
+        bars = list(zip(starts, stops - starts, strict=True))
+        axes.broken_barh(bars, (row - height / 2, height), facecolors=colour, linewidth=0)
 
 
 def _count_cycles(axes: Axes, low: float, high: float, period: float) -> None:
@@ -200,25 +220,13 @@ def contact_intervals(
     return edges[turns[::2]], edges[turns[1::2]]
 
 
-def _without_hops(
-    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"]
-) -> tuple[Float[np.ndarray, " kept"], Float[np.ndarray, " kept"]]:
-    """The stances of a leg, with short losses of contact filled, as where the leg stops extending."""
-    gaps = starts[1:] - stops[:-1]
-    if not len(gaps):
-        return starts, stops
-    swing = gaps > _HOP * gaps.max()
-    return starts[np.r_[True, swing]], stops[np.r_[swing, True]]
-
-
-def _hops(
-    starts: Float[np.ndarray, " stances"], stops: Float[np.ndarray, " stances"], low: float, high: float
-) -> Float[np.ndarray, " hops"]:
-    """The durations, s, of the losses of contact from `low` to `high` that `_without_hops` fills."""
-    gaps = starts[1:] - stops[:-1]
-    if not len(gaps):
-        return gaps
-    return gaps[(gaps <= _HOP * gaps.max()) & (stops[:-1] >= low) & (starts[1:] <= high)]
+def joined_stances(
+    starts: Float[np.ndarray, " contacts"],
+    stops: Float[np.ndarray, " contacts"],
+    swings: Bool[np.ndarray, " gaps"],
+) -> Stances:
+    """The stances of a leg, with the losses of contact between them filled that are no `swings`."""
+    return (starts[np.r_[True, swings]], stops[np.r_[swings, True]]) if len(starts) else (starts, stops)
 
 
 def _period(stances: Sequence[Stances], beginning: float) -> float | None:

@@ -11,14 +11,7 @@ import functools
 import inspect
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from typing import (
-    TYPE_CHECKING,
-    Any,
-    ClassVar,
-    Literal,
-    ParamSpec,
-    cast,
-)
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, ParamSpec, cast
 
 import pandas as pd
 from pydantic import Field, create_model
@@ -29,13 +22,12 @@ from gaitsweep.design import Design
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, Role, fields_of, parts_of
-from gaitsweep.plot.columns import PlotError, is_compared
+from gaitsweep.plot.columns import HATCHED, PlotError, is_compared
 from gaitsweep.plot.figure_style import STYLE_FIELDS, FigureStyle, current, given_axes, read_style, styled
 from gaitsweep.plot.provenance_marks import letter_panels, mark, remarks
 from gaitsweep.plot.style_names import StyleNames
 from gaitsweep.schema.diagnostics import Diagnostic, Path, dotted, quoted
 from gaitsweep.schema.strict_model import Registry, kind_of
-from gaitsweep.status import Outcome
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +36,6 @@ if TYPE_CHECKING:
 Coloured = Literal["gaits", "periods", "none"]
 Refusal = tuple[Path, str]  # where in the figure, and the end of the sentence
 _OUTCOME_COLUMNS = frozenset({"gait", "outcome", "status"})  # whose texts are names of gaits and outcomes
-# Outcomes whose cells have colours of their own where the hue is numeric.
-_BESIDE_A_SCALE = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _LOST = (
     "This table has no units and no job in .attrs, which pandas.concat and merge drop: join results by "
     "gs.concat."
@@ -145,7 +135,7 @@ class FigureKind(FigureStyle):
                 return False
             of_texts = hue in TEXT_COLUMNS or hue in cls.added_columns or names_gait(hue)
             if not of_texts and (numbers is None or hue in numbers):  # a colour scale
-                return name in _BESIDE_A_SCALE and "settle" in cls.runs
+                return name in HATCHED and "settle" in cls.runs
         return cls.coloured == "gaits" or (cls.coloured == "periods" and name.startswith("period "))
 
     @property
@@ -175,13 +165,7 @@ class FigureKind(FigureStyle):
 
     def _named(self, fields: Sequence[str]) -> dict[Path, str]:
         """The names in some fields, one or a list each, by their paths; without columns that it adds."""
-        names: dict[Path, Any] = {}
-        for field in fields:
-            value = getattr(self, field)
-            if isinstance(value, list):
-                names |= {(field, number): name for number, name in enumerate(value)}
-            else:
-                names[field,] = value
+        names = dict(path_and_name for field in fields for path_and_name in self._items(field))
         return {path: name for path, name in names.items() if name not in (None, *self.added_columns)}
 
     def _optional(self, field: str) -> Any:
@@ -197,18 +181,16 @@ class FigureKind(FigureStyle):
         yield from self._untypeset()
         if idle := self.idle_colours(self.colours, dict(self)):
             yield ("colours",), f"{idle} Remove it."
-        if self._optional("hue") not in TEXT_COLUMNS - _OUTCOME_COLUMNS:
-            yield from StyleNames.of_model(table.model, table.columns).unknown(self)
+        hue = self._optional("hue")
+        if hue not in TEXT_COLUMNS - _OUTCOME_COLUMNS:
+            yield from StyleNames.of_model(table.model, table.columns).unknown(self, hue)
         yield from self._axis_refusals(dict(self), table.columns, TEXT_COLUMNS)
         yield from self.check(table)
 
     def needs(self, table: PlannedTable, what: str) -> Refusal:
         """The refusal of a table that lacks columns."""
-        text = (
-            f"is {self.kind_name}, which needs {what}: a run of kind {table.run.kind_name} of "
-            f"{table.model.name}"
-        )
-        return ("kind",), f"{text} has no such column."
+        run = f"a run of kind {table.run.kind_name} of {table.model.name}"
+        return ("kind",), f"is {self.kind_name}, which needs {what}: {run} has no such column."
 
     @classmethod
     def _axis_refusals(
@@ -242,13 +224,17 @@ class FigureKind(FigureStyle):
     def _texts(self) -> Iterator[tuple[Path, str]]:
         """The texts that the figure shows, with their paths: single ones, and those of lists and mappings."""
         for field in _TYPESET_FIELDS:
-            value = self._optional(field)
-            if isinstance(value, str):
-                yield (field,), value
-            elif isinstance(value, Mapping):
-                yield from (((field, str(text)), str(text)) for text in value)
-            elif value is not None:
-                yield from (((field, number), str(text)) for number, text in enumerate(value))
+            yield from ((path, str(text)) for path, text in self._items(field) if text is not None)
+
+    def _items(self, field: str) -> Iterator[tuple[Path, Any]]:
+        """The value of a field, the items of a list, or the keys of a mapping, with their paths."""
+        value = self._optional(field)
+        if isinstance(value, Mapping):
+            yield from (((field, str(key)), key) for key in value)
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            yield from (((field, number), item) for number, item in enumerate(value))
+        else:
+            yield (field,), value
 
     def __reduce__(self) -> tuple[Callable[..., FigureKind], tuple[str, dict[str, Any]]]:
         return _unpickled, (self.kind_name, dict(self))  # the class of a function has no name in its module
@@ -280,13 +266,8 @@ def check_one_system(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if hidden:
         field = "panels" if "panels" in type(figure).model_fields else "x"
         differ = " and ".join(hidden)
-        yield (
-            (field,),
-            (
-                f"leaves out {differ}, in which the rows differ, too: fix its value under params, or draw "
-                "the figure in Python from the rows of one value."
-            ),
-        )
+        text = f"leaves out {differ}, in which the rows differ, too: fix its value under params, or draw "
+        yield (field,), f"{text}the figure in Python from the rows of one value."
 
 
 def check_one_parameter(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
@@ -340,7 +321,7 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         if isinstance(table, pd.DataFrame):
             numbers = [name for name in map(str, table) if pd.api.types.is_numeric_dtype(table[name])]
             with _blaming_lost_units(table):
-                _check_names(table, own, shared)
+                _check_names(table, own, shared, spec.get("hue"))
                 _check_axes(kind, table, spec)
         if idle := kind.idle_colours(own.colours, spec, numbers):
             raise PlotError(f"colours {idle}")
@@ -366,7 +347,7 @@ def _numbered(value: Any) -> Any:
 
     `pandas.concat` repeats index values, and a selection of rows leaves some out.
     """
-    if isinstance(value, pd.DataFrame) and not isinstance(value.index, pd.RangeIndex):
+    if isinstance(value, pd.DataFrame) and not value.index.equals(pd.RangeIndex(len(value))):
         return value.reset_index(drop=True)
     return value
 
@@ -407,7 +388,7 @@ def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str
     _refuse(wrong)
 
 
-def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> None:
+def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle, hue: str | None) -> None:
     """Refuse names of gaits and columns in a style that name nothing in the table or in its model.
 
     Raises:
@@ -419,7 +400,7 @@ def _check_names(table: pd.DataFrame, own: FigureStyle, shared: FigureStyle) -> 
     from gaitsweep.plot.limbs import model_of  # jobs are read without Matplotlib
 
     names = StyleNames.of_table(table, model_of(table))
-    _refuse([*names.unknown(own), *names.unknown(shared, shared=True)])
+    _refuse([*names.unknown(own, hue), *names.unknown(shared, hue, shared=True)])
 
 
 def _refuse(wrong: Sequence[Refusal]) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -11,28 +11,14 @@ from matplotlib.colors import to_hex, to_rgb
 
 from gaitsweep import models
 from gaitsweep.contract import Model
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.skeleton import Limb, LimbLook
 
 _PAIRS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FAR = 0.45  # share of white in the colour of the far limb of a pair
 _ALIKE = "#000000"  # of limbs that are all of one pair and side, whose colours could not tell them apart
 
 
-class LimbOfPair(Protocol):
-    """A limb of a pair, on the near or the far side: a `Limb` or a `LimbLook`."""
-
-    @property
-    def pair(self) -> int:
-        """The number of its pair, from 0."""
-        ...
-
-    @property
-    def far(self) -> bool:
-        """Whether it is on the side away from the viewer."""
-        ...
-
-
-def limb_colours(limbs: Iterable[LimbOfPair]) -> list[str]:
+def limb_colours(limbs: Iterable[Limb | LimbLook]) -> list[str]:
     """A colour for each limb: that of its pair, lighter on the far side; black if all are equal."""
     sides = [(limb.pair, limb.far) for limb in limbs]
     if len(set(sides)) == 1:
@@ -55,18 +41,28 @@ def model_of(table: pd.DataFrame) -> Model | None:
         return None
 
 
-def limbs_of(table: pd.DataFrame, count: int) -> Sequence[LimbLook]:
-    """The `count` limbs of a table's model, in the order of its contacts; `leg 1`, ... if it names others."""
-    model = model_of(table)
+def limbs_of_model(model: Model | None, count: int) -> tuple[LimbLook, ...]:
+    """The `count` limbs of a model, in the order of its contacts; `leg 1`, ... if it names others."""
     if model is not None and len(model.limbs) == count:
         return model.limbs
-    return [LimbLook(f"leg {number + 1}") for number in range(count)]
+    return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
 
 
-def name_limbs(axes: Axes, limbs: Sequence[LimbLook]) -> None:
-    """Label rows of bars with the names of their limbs, each in its colour, the first limb on top."""
-    axes.set_yticks(range(len(limbs)), [limb.name for limb in limbs])
-    for tick, colour in zip(axes.get_yticklabels(), limb_colours(limbs), strict=True):
-        tick.set_color(colour)
+def name_limbs(
+    axes: Axes, limbs: Sequence[Limb | LimbLook], most: int | None = None, weight: str = "normal"
+) -> None:
+    """Label rows of bars with the names of their limbs, each in its colour, the first limb on top.
+
+    Args:
+        axes: the panel.
+        limbs: the limbs.
+        most: the most names; of more limbs every second one is named, or every third, ...
+        weight: of the font.
+    """
+    named = range(0, len(limbs), max(1, math.ceil(len(limbs) / (most or len(limbs) or 1))))
+    axes.set_yticks(list(named), [limbs[row].name for row in named])
+    colours = limb_colours(limbs)
+    for tick, row in zip(axes.get_yticklabels(), named, strict=True):
+        tick.set(color=colours[row], fontweight=weight)
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(len(limbs) - 0.4, -0.6)

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, Horizontal, Title
 from gaitsweep.plot.column_labels import described, written
-from gaitsweep.plot.columns import PlotError, require_columns, rows_where
+from gaitsweep.plot.columns import PlotError, by_value, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
 # A jump is this large (a share of the period), and as many times larger than the changes beside it.
@@ -46,22 +46,25 @@ def phase_response(
     """
     require_columns(table, x, y, hue)
     rows = rows_where(table, table[x].notna())
-    values: list[Any] = sorted(rows[hue].dropna().unique()) if hue else [None]
-    few = len(values) <= theme.MOST_NAMED_LINES
+    lines = by_value(rows, hue)
+    numeric = hue is not None and pd.api.types.is_numeric_dtype(rows[hue])
+    few = len(lines) <= theme.MOST_NAMED_LINES or not numeric
     with theme.canvas(theme.COLUMN + (0.0 if few else 0.7), 2.6, title) as figure:
         axes = figure.subplots()
         if not len(rows):
             theme.message(axes, "no rows yet")
             return figure
-        ends = (None, None) if few else (float(values[0]), float(values[-1]))
+        ends = (None, None) if few else (float(lines[0][0]), float(lines[-1][0]))
         scale = ScalarMappable(Normalize(*ends), "viridis")
-        colours = [] if few else scale.to_rgba(np.array(values, np.float64))
         handles = []
-        for number, value in enumerate(values):
+        for number, (value, of_line) in enumerate(lines):
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
-            look["color"] = theme.LINE_COLOURS[number % len(theme.LINE_COLOURS)] if few else colours[number]
+            palette = theme.LINE_COLOURS
+            look["color"] = (
+                palette[number % len(palette)] if few else scale.to_rgba(np.array([value], float))[0]
+            )
             look["ls"] = theme.DASHES[number % len(theme.DASHES)] if few else "-"
-            _draw_line(axes, rows if value is None else rows_where(rows, rows[hue] == value), x, y, look)
+            _draw_line(axes, of_line, x, y, look)
             label = "" if value is None else written(table, str(hue), value)
             handles.append(Line2D([], [], label=label, **look))
         axes.axhline(0.0, color="#888888", lw=0.6, zorder=0)

@@ -14,7 +14,7 @@ from gaitsweep.table.manifest import BY_STEP, BY_STEP_WORDS, DIFFERENCES, self_c
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.text import Annotation, Text
+    from matplotlib.text import Annotation
 
 _BAND = 0.2  # inches: height of the band added on top of the figure, with one line of remarks
 _LINE = 0.13  # inches: height of each further line
@@ -24,13 +24,7 @@ _TITLE, _TITLE_LINE = 0.22, 0.16  # inches: height of the title, and of each fur
 _LETTERED = "panel with its letter"
 STRIP = "<strip>"  # the label of axes that belong to the panel above them, whose letter they have
 _SIZE = 7.5  # pt, of remarks
-_LOOK: dict[str, Any] = {
-    "fontsize": _SIZE,
-    "color": "#B00020",
-    "weight": "bold",
-    "ha": "right",
-    "va": "center",
-}
+_LOOK: dict[str, Any] = {"fontsize": _SIZE, "color": "#B00020", "weight": "bold", "ha": "right"}
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
@@ -108,6 +102,8 @@ def letter_panels(axes_of_figure: Sequence[Axes], letters: Sequence[str] | bool)
 
 def _letter_figure(panels: Sequence[Axes], letter: str) -> None:
     """Write the letter of a whole figure at its top left corner, above what stands there."""
+    from gaitsweep.plot.figure_layout import titles_of  # jobs are read without Matplotlib
+
     figure = panels[0].get_figure(root=True)
     assert figure is not None
     look: dict[str, Any] = {"weight": "bold", "ha": "left", "va": "top"}
@@ -118,7 +114,7 @@ def _letter_figure(panels: Sequence[Axes], letter: str) -> None:
     title = getattr(figure, "_suptitle", None)
     texts = [title] if title is not None else []
     for axes in panels:
-        texts += [*_titles(axes), axes.yaxis.label, *axes.get_yticklabels()]
+        texts += [*titles_of(axes), axes.yaxis.label, *axes.get_yticklabels()]
     if any(text.get_text() and box.overlaps(text.get_window_extent()) for text in texts):
         _add_band(figure, box.height / figure.dpi + _MARGIN)
         written.set_y(1.0 - _MARGIN / figure.get_figheight())
@@ -126,16 +122,11 @@ def _letter_figure(panels: Sequence[Axes], letter: str) -> None:
         axes.set_label(_LETTERED)
 
 
-def _titles(axes: Axes) -> list[Text]:
-    """The titles of a panel that have a text."""
-    # Matplotlib has no public names for titles at the sides
-    titles = [axes.title, *(vars(axes)[f"_{side}_title"] for side in ("left", "right"))]
-    return [title for title in titles if title.get_text()]
-
-
 def _avoid_titles(panels: Sequence[Axes], letters: Sequence[Annotation]) -> None:
     """Move the letters of panels above their titles if one of them lies over a title."""
-    titles = [_titles(axes) for axes in panels]
+    from gaitsweep.plot.figure_layout import titles_of
+
+    titles = [titles_of(axes) for axes in panels]
     figure = panels[0].get_figure(root=True)
     if figure is None or not any(titles):
         return
@@ -168,13 +159,13 @@ def mark(figure: Figure | Axes, notes: list[str]) -> None:
     from gaitsweep.plot.figure_layout import wrapped
 
     if not isinstance(figure, Figure):
-        figure.text(1.0, 1.0, text, transform=figure.transAxes, **{**_LOOK, "va": "bottom"})
+        figure.text(1.0, 1.0, text, transform=figure.transAxes, va="bottom", **_LOOK)
         return
     width, height = figure.get_size_inches()
     text = wrapped(text, width - 2.0 * _MARGIN, _BOLD * _SIZE)
     added = _BAND + _LINE * text.count("\n")
     _add_band(figure, added)
-    figure.text(1.0 - _MARGIN / width, 1.0 - 0.5 * added / (height + added), text, **_LOOK)
+    figure.text(1.0 - _MARGIN / width, 1.0 - 0.5 * added / (height + added), text, va="center", **_LOOK)
 
 
 def _add_band(figure: Figure, added: float) -> None:

@@ -62,15 +62,21 @@ class StyleNames:
             gaits = (*dict.fromkeys([*map(str, table["gait"].dropna().unique()), *map(str, Outcome), OTHER]),)
         return cls(gaits, names.columns, (*names.texts, *texts), period_names(sorted(periods)))
 
-    def unknown(self, style: FigureStyle, *, shared: bool = False) -> Iterator[Unknown]:
+    def unknown(
+        self, style: FigureStyle, hue: str | None = None, *, shared: bool = False
+    ) -> Iterator[Unknown]:
         """The names in a style's colours, order and labels that name nothing.
 
         Args:
+            style: the style.
+            hue: the column that the figure colours, if it has one.
             shared: whether the style is that of several tables, in which a name is wrong only if it is nearly
                 one of this table's, and no gait of an extension.
         """
-        gaits_in_texts = (text for text in self.texts if text in gait_styles())
-        gaits = list(dict.fromkeys((*self.gaits, *gaits_in_texts)))
+        # rows with these statuses are shown as failed or not settled, but for a figure of the statuses
+        lost = Status.FAILED | Status.UNDECIDED
+        texts = set(self.texts) - (set() if hue == "status" or "recovery" in self.columns else lost)
+        gaits = list(dict.fromkeys((*self.gaits, *(text for text in self.texts if text in gait_styles()))))
         for field, allowed, what in (
             ("colours", [*gaits, *self.periods], "gait"),
             ("order", [*gaits, *self.periods], "gait"),
@@ -79,10 +85,14 @@ class StyleNames:
             names: Any = getattr(style, field) or ()
             keys = names if isinstance(names, Mapping) else range(len(names))
             for key, name in zip(keys, names, strict=True):
-                if name in allowed or name in self.texts:
+                if name in allowed or name in texts:
                     continue
                 if shared and (name in gait_styles() or near_miss.nearest(name, allowed) is None):
                     continue
+                near = near_miss.suggestion(name, allowed)
+                if name in lost:
+                    outcome = Outcome.FAILED if name in Status.FAILED else Outcome.NOT_SETTLED
+                    near = f"; did you mean {outcome}? {near_miss.allowing(allowed)}"
                 unknown = f"no {what} of this table or of its model"
                 text = f"is {name}, which is {unknown}" if isinstance(key, int) else f"names {unknown}"
-                yield (field, key), f"{text}{near_miss.suggestion(name, allowed)}"
+                yield (field, key), f"{text}{near}"

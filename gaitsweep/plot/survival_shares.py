@@ -55,13 +55,10 @@ def survival(
             shares = share_that_walks(table, x, steps=count).sort_values(x)
             share = shares["share"].to_numpy(float)
             ends = np.abs(shares[["low", "high"]].to_numpy(float).T - share)
-            look: dict[str, Any] = {
-                "color": theme.SPARE_COLOURS[number],
-                "marker": theme.SPARE_MARKERS[number],
-            }
-            label = f"{count} step" + "s" * (count != 1)
-            axes.errorbar(
-                shares[x].to_numpy(float), share, ends, label=label, lw=0.9, ms=3.5, capsize=2.0, **look
-            )
+            look: dict[str, Any] = {"lw": 0.9, "ms": 3.5, "capsize": 2.0}
+            look["color"] = theme.SPARE_COLOURS[number % len(theme.SPARE_COLOURS)]
+            look["marker"] = theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]
+            look["label"] = f"{count} step" + "s" * (count != 1)
+            axes.errorbar(shares[x].to_numpy(float), share, ends, **look)
         theme.legend(figure, *axes.get_legend_handles_labels(), ncols=4)
     return figure

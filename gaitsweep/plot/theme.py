@@ -4,12 +4,14 @@ from gaitsweep.plot.canvas import COLUMN as COLUMN
 from gaitsweep.plot.canvas import PAGE as PAGE
 from gaitsweep.plot.canvas import PAGE_HEIGHT as PAGE_HEIGHT
 from gaitsweep.plot.canvas import canvas as canvas
+from gaitsweep.plot.canvas import diagram as diagram
 from gaitsweep.plot.canvas import first_of as first_of
 from gaitsweep.plot.canvas import frame as frame
 from gaitsweep.plot.canvas import label_panels as label_panels
 from gaitsweep.plot.canvas import message as message
 from gaitsweep.plot.canvas import panels as panels
 from gaitsweep.plot.canvas import shape as shape
+from gaitsweep.plot.canvas import stacked_panels as stacked_panels
 from gaitsweep.plot.canvas import width_of as width_of
 from gaitsweep.plot.figure_layout import points as points
 from gaitsweep.plot.figure_layout import wrapped as wrapped

@@ -23,7 +23,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck
 from gaitsweep.runs.executor import Executor, MissingBlocks, ThisProcess, compute_blocks
 from gaitsweep.runs.prepare import RunContext, naming_the_file, nominal_period, prepare
-from gaitsweep.runs.progress import Progress, so_far
+from gaitsweep.runs.progress import Progress, so_far, steps_per_second
 from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refinement import Refinement
 from gaitsweep.runs.self_check_result import SelfCheckError
@@ -217,7 +217,7 @@ def _run_missing(
         return {name: value + earlier_timings.get(name, 0) for name, value in fields}
 
     def on_sweep_progress(now: SweepProgress) -> None:
-        note = now.note or f"{now.attempts / max(now.seconds, 1e-9) / 1e6:.1f} million steps/s"
+        note = now.note or steps_per_second(now.attempts / max(now.seconds, 1e-9))
         note += so_far(table.tally(tallied))
         on_progress(before + now.done, total, now.rate, (before + now.share * now.rows) / total, note)
 

@@ -24,6 +24,14 @@ def so_far(counts: Mapping[str, int]) -> str:
     return f"; {rows} row{'s' * (rows != 1)} so far: {', '.join(named)}"
 
 
+def steps_per_second(rate: float) -> str:
+    """Format a number of steps a second: "2.4 million steps/s", "53 000 steps/s"."""
+    if rate >= 1e6:
+        return f"{rate / 1e6:.1f} million steps/s"
+    rounded = float(f"{rate:.2g}")
+    return f"{f'{rounded:,.0f}'.replace(',', ' ') if rounded >= 10 else f'{rounded:g}'} steps/s"
+
+
 def percent(done: int, total: int, fraction: float) -> str:
     """Format the share done: "43 %", or "50 % of the work" where it differs from that of ended rows.
 

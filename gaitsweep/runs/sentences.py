@@ -147,6 +147,9 @@ _SETTINGS = {
     "files": {"block": "parts of {} rows", "format": "format {}"},
     "hash of the job": {"job_hash": "{}"},
 }
+# Where to read on about gaits; the second is the subject of a sentence.
+FOOTFALLS_AND_NAMES = "`Footfalls and names of gaits`, in the page that `gaitsweep examples own_model` copies"
+IF_IT_DOES_NOT_WALK = "`If it does not walk`, in the page that `gaitsweep examples walker` copies,"
 # Entries of a manifest that `settings_of` describes.
 DESCRIBED = {"timings", *_SETTINGS, *(name for words in _SETTINGS.values() for name in words)}
 
@@ -253,8 +256,7 @@ def remarks(manifest: Mapping[str, Any]) -> list[str]:
         sentences.append(
             f"{_rows(backwards)} settled, but {verb} backwards: the mean speed of a cycle is "
             f"{'' if backwards['rows'] == 1 else 'down to '}{backwards['fastest']:.3g} m/s. A hinge at "
-            'the hip with axis="0 -1 0" swings ahead at positive angles; else reverse the sign of its swing '
-            "(docs/walker.md)."
+            'the hip with axis="0 -1 0" swings ahead at positive angles; else reverse the sign of its swing.'
         )
     return sentences
 
@@ -273,7 +275,7 @@ def _without_gait(about: Mapping[str, Any]) -> list[str]:
         SEVERAL: "its strides differ on an orbit of several crossings",
         OTHER_LAGS: lags,
     }
-    page = "(docs/own_model.md, `Footfalls and names of gaits`)"
+    page = f"({FOOTFALLS_AND_NAMES})"
     sentences = []
     if unsettled_rows := reasons.pop(UNSETTLED, None):
         sentences.append(
@@ -296,7 +298,7 @@ def _short_contacts(about: Mapping[str, Any]) -> str:
     return (
         f"The gait of {_rows(about)} depends on {known}: with twice that, a stance or swing of foot "
         f"{' or '.join(about['feet'])} would not count, which lasts for {shares} of the model's period "
-        "(docs/own_model.md, `Footfalls and names of gaits`)."
+        f"({FOOTFALLS_AND_NAMES})."
     )
 
 
@@ -311,8 +313,8 @@ def _uneven_strides(about: Mapping[str, Any]) -> str:
         last = f"has {contact} s" if contact else "is longer than that stride"
         feet.append(f"foot {foot}{in_rows}: its last contact {last}")
     advice = (
-        " A short one in mid-swing is a scuff: `shortest_contact` in the model file leaves it out; see "
-        "docs/walker.md, `If it does not walk`."
+        " A short one in mid-swing is a scuff, which `shortest_contact` in the model file leaves out: "
+        f"{IF_IT_DOES_NOT_WALK} describes it."
         if about.get("body")
         else ""
     )

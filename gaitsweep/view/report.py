@@ -7,13 +7,12 @@ import collections
 import html
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import yaml
-from jaxtyping import Bool
 
 from gaitsweep.analysis.records import in_order
 from gaitsweep.plot import theme
@@ -31,47 +30,13 @@ from gaitsweep.status import SetStatus
 from gaitsweep.table import Snapshot, load, replace_file, writing
 from gaitsweep.table.manifest import self_check_warned
 
-# Colours of a page by name, light and dark.
-SCHEMES = """
-:root { color-scheme: light dark; --ink: #1d2125; --faint: #5c636b; --line: #e3e6ea; --rule: #ccc;
-  --paper: #fff; --code: #f5f6f8; --edge: #333; --link: #0b5cad; --warning: #B00020; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e9ed; --faint: #a7afb8; --line: #2e343a; --rule: #4b545d; --paper: #14181c;
-    --code: #20262c; --edge: #d5dade; --link: #56B4E9; --warning: #ff8f8a; }
-}
-"""
-_STYLE = (
-    SCHEMES
-    + """
-body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif;
-  color: var(--ink); background: var(--paper);
-  max-width: 62rem; margin: 0 auto 3rem; padding: 0 1rem; }
-h1 { margin: 1.2rem 0 0; font-size: 1.6rem; overflow-wrap: anywhere; }
-h2 { margin: 2.2rem 0 .5rem; font-size: 1.15rem; border-bottom: 1px solid var(--rule); }
-p { margin: .3rem 0; } .faint, figcaption { color: var(--faint); }
-.warning { color: var(--warning); font-weight: 600; }
-a { color: var(--link); }
-table { border-collapse: collapse; font-size: .95rem; }
-td, th { padding: .2rem 1.1rem .2rem 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid var(--line); }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-tr.sum td { font-weight: 600; }
-.wide { overflow-x: auto; }
-.facts { width: 100%; } .facts th { white-space: nowrap; } .facts td { overflow-wrap: anywhere; }
-.name { white-space: nowrap; } summary { cursor: pointer; }
-.chip { display: inline-block; width: .9em; height: .9em; margin-right: .45em; border: 1px solid var(--edge);
-  vertical-align: -.1em; }
-pre { background: var(--code); padding: .8rem; font-size: 13px; white-space: pre-wrap;
-  overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; } img { max-width: 100%; height: auto; background: #fff; }
-@media (max-width: 600px) {
-  body { padding: 0 .7rem; }
-  td, th { padding-right: .7rem; }
-  .facts, .facts tbody, .facts tr, .facts th, .facts td { display: block; }
-  .facts th { border: 0; padding-bottom: 0; font-size: .85rem; color: var(--faint); }
-}
-"""
-)
+
+def _css(name: str) -> str:
+    """The text of a style sheet beside this file."""
+    return resources.files("gaitsweep.view").joinpath(name).read_text("utf-8")
+
+
+SCHEMES = _css("page_colours.css")
 _WITHOUT_GAIT = "not read"  # of records whose gait is missing
 _REASONS = 5  # that are shown for failed sets of constants
 # Entries of the manifest that are shown elsewhere, or are of no use to a reader.
@@ -129,7 +94,7 @@ def _page(snapshot: Snapshot) -> str:
         f"<h2>Provenance</h2>{_provenance(snapshot)}",
         f"<h2>Job</h2><details><summary>as it was run</summary><pre>{job}</pre></details>",
     ]
-    return document(name, _STYLE, [section for section in sections if section])
+    return document(name, SCHEMES + _css("report.css"), [section for section in sections if section])
 
 
 def document(title: str, style: str, sections: Sequence[str]) -> str:
@@ -146,10 +111,8 @@ def figure_of(path: Path, caption: str) -> str:
     """The HTML of a PNG file, with its image embedded."""
     image = base64.b64encode(path.read_bytes()).decode()
     name = html.escape(caption)
-    return (
-        f'<figure><img alt="{name}" src="data:image/png;base64,{image}">'
-        f"<figcaption>{name}</figcaption></figure>"
-    )
+    picture = f'<img alt="{name}" src="data:image/png;base64,{image}">'
+    return f"<figure>{picture}<figcaption>{name}</figcaption></figure>"
 
 
 def _warnings(snapshot: Snapshot) -> str:
@@ -176,10 +139,8 @@ def _counts(snapshot: Snapshot) -> str:
     ]
     lines.append(f'<tr class="sum"><td>all</td>{_number(total, total)}<td></td></tr>')
     stalls: Mapping[str, Any] = snapshot.manifest.get("stalls") or {}
-    notes = "".join(
-        f"<p>{int(stall.get('rows', 0))} stalled: {html.escape(guards)}.</p>"
-        for guards, stall in stalls.items()
-    )
+    rows_of = {html.escape(guards): int(stall.get("rows", 0)) for guards, stall in stalls.items()}
+    notes = "".join(f"<p>{rows} stalled: {guards}.</p>" for guards, rows in rows_of.items())
     if slowest := snapshot.manifest.get("slowest"):
         notes += f"<p>Rows did not settle because of {html.escape(unsettled(slowest))}.</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
@@ -201,9 +162,9 @@ def _reasons(snapshot: Snapshot) -> str:
     """The most frequent reasons for failed sets of constants; empty if none failed."""
     if not snapshot.counts.get(SetStatus.FAILED):  # a `Status` of rows has another name
         return ""
-    reasons = _columns(snapshot, "why")["why"].astype(str)
-    most = collections.Counter(reason for reason in reasons if reason).most_common(_REASONS)
-    lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most]
+    reasons = collections.Counter(filter(None, map(str, _columns(snapshot, "why")["why"])))
+    most_frequent = reasons.most_common(_REASONS)
+    lines = [f"<li>{html.escape(reason)} ({number} sets)</li>" for reason, number in most_frequent]
     return f"<p>Most frequent reasons for failed sets:</p><ul>{''.join(lines)}</ul>"
 
 
@@ -214,24 +175,23 @@ def _gaits(snapshot: Snapshot) -> str:
         return ""
     table = _columns(snapshot, "row", "status", "gait")
     gait = table["gait"].astype(object).where(table["gait"].notna(), _WITHOUT_GAIT)
-    status = table["status"].astype(str).to_numpy(str)
     has_records = len(table) != table["row"].nunique()
     statuses = list(snapshot.counts) if len(snapshot.counts) > 1 and not has_records else []
-    names = in_order(table, "gait", pd.Series(gait, dtype=object))
+    names = in_order(table, "gait", pd.Series(gait))
     colours = theme.colours(names)
+    counts = pd.crosstab(gait, table["status"].astype(str))
 
-    def cells(rows: Bool[np.ndarray, " rows"]) -> str:
-        """The cells of some rows of the table: their number, their share, and those of each status."""
-        counts = [np.count_nonzero(rows & (status == of_status)) for of_status in statuses]
-        by_status = "".join(f'<td class="number">{count}</td>' for count in counts)
-        return f"{_number(int(rows.sum()), len(table))}{by_status}"
+    def cells(of_status: pd.Series) -> str:
+        """The cells of rows of the table, counted by status: their number, their share, and each count."""
+        numbers = "".join(f'<td class="number">{of_status.get(status, 0)}</td>' for status in statuses)
+        return f"{_number(int(of_status.sum()), len(table))}{numbers}"
 
     lines = []
     for name in names:
         chip = f'<span class="chip" style="background:{colours[name]}"></span>'
         head = f'<td class="name">{chip}{html.escape(name)}</td>'
-        lines.append(f"<tr>{head}{cells(np.asarray(gait == name))}</tr>")
-    lines.append(f'<tr class="sum"><td>all</td>{cells(np.ones(len(table), bool))}</tr>')
+        lines.append(f"<tr>{head}{cells(counts.loc[name])}</tr>")
+    lines.append(f'<tr class="sum"><td>all</td>{cells(counts.sum())}</tr>')
     heads = "".join(f'<th class="number">{html.escape(name)}</th>' for name in ("all", "", *statuses))
     table_of_gaits = f'<div class="wide"><table><tr><th>gait</th>{heads}</tr>{"".join(lines)}</table></div>'
     return f"<h2>Gaits of the {'records' if has_records else 'rows'}</h2>{table_of_gaits}"

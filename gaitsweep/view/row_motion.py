@@ -21,7 +21,7 @@ from gaitsweep.kinds.columns import gaits
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.column_labels import written
 from gaitsweep.plot.columns import rows_where
-from gaitsweep.plot.footprint_diagrams import contact_intervals
+from gaitsweep.plot.footprint_diagrams import contact_intervals, joined_stances
 from gaitsweep.runs.prepare import prepare
 from gaitsweep.status import Status
 from gaitsweep.table import load
@@ -217,10 +217,7 @@ def _touchdowns(
 ) -> Float[np.ndarray, " touchdowns"]:
     """The touchdowns of a foot, s, without swings and stances shorter than `shortest` s."""
     starts, stops = contact_intervals(t, contact)
-    if not len(starts):
-        return starts
-    swings = starts[1:] - stops[:-1] >= shortest
-    starts, stops = starts[np.r_[True, swings]], stops[np.r_[swings, True]]
+    starts, stops = joined_stances(starts, stops, starts[1:] - stops[:-1] >= shortest)
     return starts[(stops - starts >= shortest) & (starts > t[0])]
 
 
@@ -228,8 +225,8 @@ def _check_drawable(model: Model, values: Mapping[str, float], renderer: str) ->
     """Refuse a model that cannot be drawn, before its row is simulated."""
     if type(model).skeleton is Model.skeleton:
         raise PlotError(
-            f"{model.name} has no `skeleton` to draw: define one, as docs/own_model.md shows under "
-            "`See it move`."
+            f"{model.name} has no `skeleton` to draw: define one. The section `See it move` of the page that "
+            "`gaitsweep examples own_model` copies shows how."
         )
     if renderer == "mujoco" and model.mjcf(values) is None:
         raise PlotError(f"{model.name} has no MJCF, which MuJoCo needs: use --renderer matplotlib.")

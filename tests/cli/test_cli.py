@@ -33,7 +33,7 @@ from gaitsweep.cli.show import axes, duration, size
 from gaitsweep.compiling_threads import compiling, purpose_of_compiling
 from gaitsweep.errors import Terminated, UserError
 from gaitsweep.job import Job
-from gaitsweep.runs.progress import progress_lines
+from gaitsweep.runs.progress import progress_lines, steps_per_second
 from gaitsweep.runs.sentences import settings_of, status_sentence
 from gaitsweep.table import ResultDirectory, TableError, WriteError
 from gaitsweep.table.manifest import Layout
@@ -361,6 +361,20 @@ def test_the_bar_shows_rows_rate_and_note() -> None:
         assert piece in shown
     assert "2.4 million steps/s; 2048 rows so far: 1500 trot" in shown
     assert max(len(line) for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "\n", shown).splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("rate", "text"),
+    [
+        (2.44e6, "2.4 million steps/s"),
+        (53_123.0, "53 000 steps/s"),
+        (47.1, "47 steps/s"),
+        (0.31, "0.31 steps/s"),
+    ],
+)
+def test_slow_steps_are_not_zero_million(rate: float, text: str) -> None:
+    """A body in an MJCF makes some thousands of steps a second."""
+    assert steps_per_second(rate) == text
 
 
 def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPatch) -> None:

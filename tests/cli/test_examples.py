@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import fcntl
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -116,3 +118,17 @@ def test_rows_shared_by_processes_need_locks_of_open_files(monkeypatch: pytest.M
     with pytest.raises(UnsupportedSystem, match="run the job without --rows"):
         BlockLocks(Path())
     assert not list(Path().iterdir())
+
+
+def test_messages_name_only_pages_that_an_installation_has() -> None:
+    """A wheel has no docs/; `gaitsweep examples NAME` copies the pages that messages name."""
+    named = set()
+    for file in (Path(gs.__file__).parent).rglob("*.py"):
+        tree = ast.parse(file.read_text())
+        alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}  # docstrings
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+                assert "docs/" not in node.value, (file, node.value)
+                named |= set(re.findall(r"`gaitsweep examples (\w+)` copies", node.value))
+                named |= set(re.findall(r"that `gaitsweep examples (\w+)`", node.value))
+    assert named == {"own_model", "walker"} <= {example.name for example in known_examples()}

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -19,6 +20,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.cli import main
 from gaitsweep.dynamics.controllers.controlled_body import _Trunk
 from gaitsweep.dynamics.controllers.leg_targets import two_link_leg
 from gaitsweep.dynamics.controllers.model_file import model_of_file
@@ -608,15 +610,34 @@ def test_a_model_file_has_its_shortest_contact_and_the_meaning_of_a_fall(tmp_pat
     assert variables_without_rate(model) == ()
 
 
-def test_legs_whose_names_give_no_gaits_are_remarked(tmp_path: Path) -> None:
+def test_legs_whose_names_give_no_gaits_are_remarked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert walker(tmp_path).caveats() == []
     renamed = ("L: {foot", "left: {foot", "R: {foot", "right: {foot", "{L: 0, R: pi}", "{left: 0, right: pi}")
-    (remark,) = walker(tmp_path, file=renamed).caveats()  # pyright: ignore[reportArgumentType]
-    assert "left, right have no lags" in remark
     with pytest.raises(JobError, match=r"shortest_contact has no effect: the legs left, right"):
         walker(tmp_path, file=(*renamed, "fallen", "shortest_contact: 0.1\nfallen"))  # pyright: ignore[reportArgumentType]
+    (remark,) = walker(tmp_path, file=renamed).caveats()  # pyright: ignore[reportArgumentType]
+    assert "left, right have no lags" in remark
     assert "L, R; LF, RF, LH, RH" in remark
     assert "call left L, right R" in remark
+    job = {
+        "name": "j",
+        "model": str(tmp_path / "biped.yaml"),
+        "vary": {"omega": [6, 7]},
+        "run": {"kind": "settle"},
+    }
+    (tmp_path / "job.yaml").write_text(json.dumps(job))
+    assert main(["check", str(tmp_path / "job.yaml")]) == 0
+    assert "Warning" in (checked := capsys.readouterr().err)
+    assert remark in checked
+
+
+def test_a_foot_that_is_no_geom_is_refused_with_the_names_of_geoms(tmp_path: Path) -> None:
+    """Geoms without a name are not among them."""
+    without_name = ('<geom name="trunk"', "<geom")
+    with pytest.raises(JobError, match=r"did you mean foot_l\? Allowed: floor, thigh_l"):
+        walker(tmp_path, mjcf=without_name, file=("foot: foot_l", "foot: foo_l"))
 
 
 @pytest.mark.slow("located")

@@ -41,7 +41,7 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "shock", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH, "", "psi_1 in rad and m_B in kg"),
     ({"kind": "shock", **PSI}, SETTLE, BOTH, "", "leaves out m_B, which varies"),
     ({"kind": "shock", "x": "psi_1", "y": "gait"}, SETTLE, GRID, "", "y is gait, which is not numeric"),
-    ({"kind": "orbit", "x": "m_B", "y": "psi_1"}, SETTLE, TWO, "", "x leaves out omega, in which"),
+    ({"kind": "orbit", "x": "m_B", "y": "psi_1"}, SETTLE, TWO, "", "panels leaves out omega, in which"),
     ({"kind": "basin", **PSI}, SETTLE, BOTH, "", "leaves out m_B, which varies"),
     ({"kind": "basin", "x": "psi_1", "y": "status"}, SETTLE, GRID, "", "y is status, which is not numeric"),
     ({"kind": "basin", "x": "psi_1", "y": "psi_1"}, SETTLE, GRID, "", "y is psi_1, like x"),

@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgb
 import gaitsweep as gs
 from gaitsweep import models
 from gaitsweep.job import Job
-from gaitsweep.plot.limbs import limb_colours, limbs_of
+from gaitsweep.plot.limbs import limb_colours, limbs_of_model, model_of
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip, frames, still
 from gaitsweep.view.movie.side_view import bounds, heading, turned
@@ -44,7 +44,7 @@ def test_registered_models_are_drawn_or_say_that_they_are_not(name: str) -> None
     assert len({limb.name for limb in drawn.limbs}) == len(drawn.limbs) > 0
     table = pd.DataFrame()
     table.attrs["job"] = {"model": name, "structure": {}}
-    limbs = limbs_of(table, len(drawn.limbs))
+    limbs = limbs_of_model(model_of(table), len(drawn.limbs))
     assert [limb.name for limb in limbs] == [limb.name for limb in drawn.limbs]
     assert limb_colours(limbs) == limb_colours(drawn.limbs)
     assert all(f"contact_{i + 1}" in signals for i in range(len(drawn.limbs)))

@@ -116,6 +116,20 @@ def test_a_style_of_several_tables_may_name_what_others_have() -> None:
         plot.draw("basin", settle_table(), **BASIN)
 
 
+def test_colours_of_statuses_are_refused_with_the_outcome_that_is_shown() -> None:
+    """Rows that fell are shown as `failed`; a figure of the statuses or of recoveries names them."""
+    fell = settle_table().assign(status=pd.Categorical(["fell"] * 48, ["settled", "cycle_limit", "fell"]))
+    for name, outcome in (("fell", "failed"), ("cycle_limit", "not settled")):
+        with pytest.raises(PlotError, match=f"colours.{name} names no gait .*did you mean {outcome}"):
+            plot.draw("basin", fell, **BASIN, colours={name: "red"})
+    with pytest.raises(gs.JobError, match=r"figures\[0\].colours.fell names .*did you mean failed"):
+        gs.Job(**JOB, figures=[{"kind": "basin", "x": "psi_1", "y": "psi_2", "colours": {"fell": "red"}}])
+    by_status = fell.assign(crossing=0, psi_1_n=0.1)
+    plot.draw("cycles", by_status, y=["psi_1"], hue="status", colours={"fell": "red"})
+    with plot.style(colours={"fell": "red"}):  # of several tables, one of which may have recoveries
+        plot.draw("basin", fell, **BASIN)
+
+
 def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
     with pytest.raises(PlotError, match="does not colour gaits"):
         plot.draw("hysteresis", staircase_table(), y="delta_13", colours={"trot": "red"})

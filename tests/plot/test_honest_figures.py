@@ -306,3 +306,67 @@ def test_a_gait_map_does_not_stretch_its_cells_either() -> None:
     corners, colours = cells_of(figure.axes[0])
     np.testing.assert_allclose(np.diff(corners[:, 0, 1]), 2 * np.pi / 5)
     assert not colours[2, :, 3].any()
+
+
+def corners_of(figure: Any) -> list[np.ndarray]:
+    """The corners of the cells of each mesh of a figure's first panel."""
+    meshes = [mesh for mesh in figure.axes[0].collections if isinstance(mesh, QuadMesh)]
+    return [np.asarray(mesh.get_coordinates()) for mesh in meshes]
+
+
+def table_over(values: list[float], **job: Any) -> pd.DataFrame:
+    """A table of one row for each pair of values of kappa and beta."""
+    table = pd.DataFrame(list(itertools.product(values, [0.6, 0.7])), columns=["kappa", "beta"])
+    table.insert(0, "row", range(len(table)))
+    table["status"], table["gait"] = "settled", "direct"
+    table.attrs["job"] = {"model": "multilegged", "vary": {"kappa": values, "beta": [0.6, 0.7]}, **job}
+    return table
+
+
+def test_uneven_values_of_a_list_leave_no_blank_cells() -> None:
+    """All multiples of a step between them would be cells without a row; a missing one of the list is."""
+    values = [50.0, 100.0, 200.0]
+    (corners,) = corners_of(plot.basin(table_over(values), x="kappa", y="beta"))
+    assert corners[0, :, 0].tolist() == [25.0, 75.0, 150.0, 250.0]
+    partial = table_over(values).query("kappa != 100")
+    (corners,) = corners_of(plot.basin(partial, x="kappa", y="beta"))
+    assert corners[0, :, 0].tolist() == [25.0, 75.0, 150.0, 250.0]
+    steps = {"kappa": {"linspace": [50, 200, 4]}, "beta": [0.6, 0.7]}
+    (corners,) = corners_of(plot.basin(table_over(values, vary=steps), x="kappa", y="beta"))
+    assert corners[0, :, 0].tolist() == [25.0, 75.0, 125.0, 175.0, 225.0]
+
+
+def test_shares_over_two_parameters_are_of_rows() -> None:
+    def caption(table: pd.DataFrame, **spec: Any) -> str:
+        (legend,) = plot.basin(table, **spec).legends
+        return legend.get_title().get_text()
+
+    table = table_over([50.0, 100.0])
+    assert caption(table, x="kappa", y="beta") == "share of rows"
+    starts = table.rename(columns={"kappa": "psi_1"})
+    starts.attrs = table.attrs
+    assert caption(starts, x="psi_1", y="beta") == "share of starts"
+
+
+def test_lines_of_cycles_may_have_no_value_of_their_hue() -> None:
+    """A missing number is another object in each row, and a single observable may stand without a list."""
+    table = crossing_table()
+    table["depth"] = np.where(table["row"] == 0, 1.0, np.nan)
+    figure = plot.cycles(table, y="psi_1", hue="depth")
+    assert len(figure.axes) == 1
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["1.0", "none"]
+
+
+def test_many_lines_of_texts_have_colours_in_turn() -> None:
+    """A column of texts has no colour scale."""
+    amounts = [f"push {number}" for number in range(9)]
+    table = pd.DataFrame({"push_phase": 0.5, "phase_shift": 0.1, "who": amounts})
+    assert len(plot.phase_response(table, hue="who").axes[0].lines) == 10
+
+
+def test_more_numbers_of_steps_than_colours_are_drawn() -> None:
+    table = pd.DataFrame({"row": range(4), "roughness": [0.1, 0.1, 0.2, 0.2], "cycles": 20})
+    table["status"] = "complete"
+    figure = plot.survival(table, x="roughness", steps=range(1, 11))
+    assert len(figure.axes[0].containers) == 10

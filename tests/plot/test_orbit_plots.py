@@ -101,3 +101,28 @@ def test_values_without_crossings_say_why() -> None:
     assert words == ["periodic", "not settled", "failed"]
     at_rest: Any = plot.orbit(table.iloc[[4]], x="a", y="x")
     assert [text.get_text() for legend in at_rest.legends for text in legend.get_texts()] == ["at rest"]
+
+
+def test_another_parameter_has_a_panel_for_each_of_its_values() -> None:
+    """Panels share their scales and the legend; a value without an exponent has an empty lower panel."""
+    upper = diagram_table().assign(b=1.0)
+    lower = diagram_table().assign(b=0.5, x_end=-0.4, lyapunov_1=np.nan)
+    table = pd.concat([upper, lower.iloc[:1]], ignore_index=True)
+    figure: Any = plot.orbit(table, x="a", y="x", panels="b")
+    left, right, below_left, below_right = figure.axes
+    assert [axes.get_title() for axes in (left, right)] == ["$b$ = 0.5", "$b$ = 1"]
+    assert drawn(left).tolist() == [[1.0, -0.4]]
+    assert len(drawn(right)) == 6
+    assert not [line for line in below_left.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    assert len(drawn(below_right)) == 3
+    assert left.get_ylim() == right.get_ylim()
+    assert left.get_ylim()[0] < -0.4
+    words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert words == ["periodic", "chaotic", "not settled"]
+    # a selection of rows has an index that does not begin at 0
+    assert len(drawn(plot.orbit(table.iloc[1:4], x="a", y="x").axes[0])) == 5
+    henon = table.assign(row=range(5)).reindex(columns=["row", "a", "b", "status", "x_end"])
+    henon.attrs["job"] = {"model": "gaitsweep.examples.henon:Henon"}
+    with pytest.raises(PlotError, match="differ in b, too"):
+        plot.orbit(henon, x="a", y="x")
+    assert len(plot.orbit(henon, x="a", y="x", panels="b").axes) == 2

@@ -188,8 +188,9 @@ def test_tables_without_motion_are_refused(quadruped: Path, tmp_path: Path, caps
     )
     message = refused(capsys, [str(undrawn)])
     assert "has no `skeleton`" in message
-    page, section = re.findall(r"as (\S+) shows under `([^`]+)`", " ".join(message.split()))[0]
-    text = (Path(__file__).parents[2] / page).read_text()
+    asked = r"section `([^`]+)` of the page that `gaitsweep examples (\w+)` copies"
+    section, page = re.findall(asked, " ".join(message.split()))[0]
+    text = (Path(__file__).parents[2] / "docs" / f"{page}.md").read_text()
     (headed,) = re.findall(rf"^## [\d. ]*{section}\n(.*?)^## ", text, re.MULTILINE | re.DOTALL)
     assert "def skeleton(" in headed
 

@@ -269,7 +269,7 @@ def model_class(
         digest: the digest of the file's content.
     """
     data_digest_of_base: Any = base.data_digest
-    remarks = list(filter(None, [body.remark_on_names]))
+    remarks = tuple(filter(None, [body.remark_on_names]))
     members: dict[str, Any] = {
         "__doc__": f"The model of {path.name}.",
         "__module__": __name__,
@@ -281,6 +281,7 @@ def model_class(
         "body_file": body_file,
         "keyframe": body.file.keyframe,
         "data_digest": property(lambda model: data_digest_of_base.fget(model) + digest),
+        "remarks": remarks,
         "caveats": lambda model: [*base.caveats(model), *remarks],
         **({"begins_standing": body.file.start == "standing"} if body.is_located else {}),
         **body.members(),

@@ -252,7 +252,7 @@ def _leg(document: Document, controller: Controller, m: Any, name: str) -> Leg:
         raise _error(document, "must be a name of letters, digits and underscores.", *place)
     if _FOOT not in parts:
         raise _error(document, "has no foot: write foot: GEOM, the geom that touches the ground.", *place)
-    geoms = [m.geom(i).name for i in range(m.ngeom)]
+    geoms = [m.geom(i).name for i in range(m.ngeom) if m.geom(i).name]
     if parts[_FOOT] not in geoms:
         text = f"is {parts[_FOOT]}, which is not a geom of the MJCF{suggestion(parts[_FOOT], geoms)}"
         raise _error(document, text, *place, _FOOT)

@@ -190,7 +190,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
         return f"{reason}. Use rk4."
     return (
         f"{reason}; {model.name} has no other method. Instead, fit a straight line through the images of "
-        "points that are so far apart that events move by many steps (docs/own_model.md), or follow stable "
+        "points that are so far apart that events move by many steps, or follow stable "
         "gaits by a run of kind staircase."
     )
 

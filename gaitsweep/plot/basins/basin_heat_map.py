@@ -33,11 +33,13 @@ from gaitsweep.plot.arguments import (
 from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
+    HATCHED,
     PlotError,
-    is_angle,
-    is_logarithmic,
+    by_value,
+    is_turn,
     log_axes,
     outcome,
+    parameters_of,
     require_columns,
     rows_where,
 )
@@ -52,7 +54,6 @@ _NARROW_PAD = 0.02  # inches: between narrow panels
 _MOST_PANELS = 40
 _LETTERS = 15  # of a label, an inch
 _NAMES_A_LINE = 3  # of a legend without shares
-_HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
 
 
@@ -80,47 +81,37 @@ def basin(
         PlotError: the table lacks a column, or a cell has several rows.
     """
     require_columns(table, x, y, hue, panels)
-    values = sorted(table[panels].dropna().unique()) if panels else [None]
-    values, title = theme.first_of(values, _MOST_PANELS, title)
+    parts, title = theme.first_of(by_value(table, panels), _MOST_PANELS, title)
     numeric = pd.api.types.is_numeric_dtype(table[hue])
 
-    def side_of(columns: int) -> float:
-        width = theme.width_of(theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns))
-        return (width - (1.3 if numeric else 0.6)) / columns
-
-    # a square panel with headings of one or two lines
-    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
-    most_in_a_row = min(_PANELS_A_ROW, int(theme.width_of(theme.PAGE) / _LEAST_IN_A_ROW))
-    least = _LEAST_IN_A_ROW if len(values) <= most_in_a_row else _LEAST_IN_ROWS
-    rows, columns = theme.shape(len(values), theme.PAGE, least, _PANELS_A_ROW, **high)
-    side = side_of(columns)
-    parts = [table if value is None else rows_where(table, table[panels] == value) for value in values]
+    rows, columns, width, side = _layout(len(parts), numeric=numeric)
     shown = outcome(table, hue)
     # a row that has not settled may be named twice: by the hue, and by its outcome
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
-    key = [name for name in names if not numeric or name in _HATCHED]
+    key = [name for name in names if not numeric or name in HATCHED]
     headings = []
-    for value, part in zip(values, parts, strict=True):
-        if panels:
-            texts = _shares(shown.loc[part.index], key) if shares else []
-            headings.append(_heading(written(table, panels, value), texts, side))
+    for value, part in parts if panels else ():
+        texts = _shares(shown.loc[part.index], key) if shares else []
+        headings.append(_heading(written(table, str(panels), value), texts, side))
     lines = max((text.count("\n") for text in headings), default=0)
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else legend)
-    width = theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
             theme.message(figure.add_subplot(), "no rows yet")
             return figure
         if columns * _LEAST_IN_ROWS > theme.width_of(width) and (engine := figure.get_layout_engine()):
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
-        grid = theme.panels(figure, (rows, columns), len(values), sharex=True, sharey=True)
+        grid = theme.panels(figure, (rows, columns), len(parts), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
-        scale = _scale(table.loc[~shown.isin(_HATCHED), hue]) if numeric else None
+        scale: dict[str, Any] | None = None
+        if numeric:
+            of_scale = table.loc[~shown.isin(HATCHED), hue]
+            scale = {"cmap": "viridis", "norm": Normalize(of_scale.min(), of_scale.max())}
         images = [
-            _cells(axes, part, x, y, hue, shown.loc[part.index], scale, looks, table)
-            for axes, part in zip(grid, parts, strict=True)
+            _cells(axes, part, (x, y, hue), shown.loc[part.index], scale, looks, table)
+            for axes, (_, part) in zip(grid, parts, strict=True)
         ]
         for axes, text in zip(grid, headings, strict=False):  # without panels there are none
             axes.set_title(text, fontsize=theme.points(7.5))
@@ -129,13 +120,33 @@ def basin(
         if drawn:
             figure.colorbar(drawn[-1], ax=figure.axes, label=described(table, hue, 36), shrink=0.8)
         if key:
-            caption = _caption(table, above_panels=bool(headings)) if shares else ""
+            caption = _caption(table, x, y, above_panels=bool(headings)) if shares else ""
             if hue == "gait" and (advice := _hue_advice(table, names)):
                 caption = advice
             _legend(figure, key, shown if shares and not headings else None, looks, caption, table)
-        if all(is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y)):
+        if is_turn(table, x) and is_turn(table, y):
             _square_panels(figure, grid, rows)
     return figure
+
+
+def _layout(count: int, *, numeric: bool) -> tuple[int, int, float, float]:
+    """The rows and columns of so many panels, the figure's width and the side of a square panel, inches.
+
+    With a `numeric` hue there is a colour bar beside them.
+    """
+
+    def width_of(columns: int) -> float:
+        return theme.COLUMN + 0.4 if columns == 1 else min(theme.PAGE, 2.4 * columns)
+
+    def side_of(columns: int) -> float:
+        return (theme.width_of(width_of(columns)) - (1.3 if numeric else 0.6)) / columns
+
+    # a square panel with headings of one or two lines
+    high: dict[str, Any] = {"height_of": lambda columns: side_of(columns) + 0.5, "narrowest": 1.0}
+    most_in_a_row = min(_PANELS_A_ROW, int(theme.width_of(theme.PAGE) / _LEAST_IN_A_ROW))
+    least = _LEAST_IN_A_ROW if count <= most_in_a_row else _LEAST_IN_ROWS
+    rows, columns = theme.shape(count, theme.PAGE, least, _PANELS_A_ROW, **high)
+    return rows, columns, width_of(columns), side_of(columns)
 
 
 def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
@@ -155,21 +166,17 @@ def _square_panels(figure: Figure, grid: Sequence[Axes], rows: int) -> None:
         theme.grow(figure, rows * min(cell.width * width - cell.height * height for cell in cells))
 
 
-def _scale(values: pd.Series) -> dict[str, Any]:
-    """The colour scale of a numeric hue, from the values of rows that are not hatched."""
-    return {"cmap": "viridis", "norm": Normalize(values.min(), values.max())}
-
-
-def _caption(table: pd.DataFrame, *, above_panels: bool) -> str:
-    """The line above the legend, which explains the shares."""
-    counted = "share of pushes" if "recovery" in table.columns else "share of starts"
+def _caption(table: pd.DataFrame, x: str, y: str, *, above_panels: bool) -> str:
+    """The line above the legend: shares of pushes, of starts, or of rows where both axes are parameters."""
+    rows = "rows" if {x, y} <= parameters_of(table) else "starts"
+    counted = f"share of {'pushes' if 'recovery' in table.columns else rows}"
     return f"{counted} above each panel" if above_panels else counted
 
 
 def _hue_advice(table: pd.DataFrame, names: Sequence[str]) -> str:
     """The proposal of a hue where no gait has a name; empty otherwise."""
     ends = [name for name in map(str, table) if name.endswith("_end") and name not in COLUMNS]
-    if ends and set(names) - set(_HATCHED) == {"none"}:
+    if ends and set(names) - set(HATCHED) == {"none"}:
         return f"no gait has a name; {ends[0]} as hue tells them apart"
     return ""
 
@@ -207,29 +214,37 @@ def _label_axes(
     for name in labels:
         if not short or "$" not in labels[name]:
             labels[name] = described(table, name, letters)
-    circular_x, circular_y = (is_angle(table, name) and not is_logarithmic(table, name) for name in (x, y))
     for number, axes in enumerate(grid):
         below = number + columns >= len(grid)
         axes.set_xlabel(labels[x] if below else "")
         axes.set_ylabel(labels[y] if number % columns == 0 else "")
-        if circular_x:
+        if is_turn(table, x):
             theme.angle_axis(axes, "x")
-        if circular_y:
+        if is_turn(table, y):
             theme.angle_axis(axes, "y")
 
 
 def _cells(
     axes: Axes,
     part: pd.DataFrame,
-    x: str,
-    y: str,
-    hue: str,
+    names_of_columns: tuple[str, str, str],
     shown: pd.Series,
     scale: dict[str, Any] | None,
     looks: _Looks,
     table: pd.DataFrame,
 ) -> ScalarMappable | None:
-    """Draw one panel of a table; returns the artist of the colour scale for a numeric hue."""
+    """Draw one panel of a table; returns the artist of the colour scale for a numeric hue.
+
+    Args:
+        axes: the panel.
+        part: its rows.
+        names_of_columns: x, y and hue.
+        shown: the outcome of each row of the part.
+        scale: the colour scale of a numeric hue; None for another.
+        looks: colour, marker and hatch of each outcome.
+        table: the rows of all panels.
+    """
+    x, y, hue = names_of_columns
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):
         theme.message(axes, "no rows yet")
@@ -237,8 +252,8 @@ def _cells(
     log_axes(axes, part, x=x, y=y)
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
-    names = [name for name in shown.unique() if scale is None or name in _HATCHED]
-    values = part[hue].where(~shown.isin(_HATCHED)) if scale else None
+    names = [name for name in shown.unique() if scale is None or name in HATCHED]
+    values = part[hue].where(~shown.isin(HATCHED)) if scale else None
     grid = cell_grid(part, x, y, table)
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
@@ -340,8 +355,7 @@ def recovery(
 def _mark_least(figure: Figure, table: pd.DataFrame, x: str, y: str, panels: str | None) -> None:
     """Draw a star at the least fatal push of each panel, and a line to it from no push."""
     least = least_fatal_push(table, [x, y], panels or ())
-    values = sorted(table[panels].dropna().unique()) if panels else [None]
-    for axes, value in zip(figure.axes, values, strict=False):
+    for axes, (value, _) in zip(figure.axes, by_value(table, panels), strict=False):
         of_panel = least if value is None else rows_where(least, least[panels] == value)
         for across, up in of_panel[[x, y]].to_numpy(float):
             axes.plot([0.0, across], [0.0, up], color="black", lw=0.8, zorder=4)

@@ -15,7 +15,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from gaitsweep.plot.columns import is_drawn, is_logarithmic
+from gaitsweep.plot.columns import is_drawn, is_logarithmic, listed_values
 from gaitsweep.plot.kind import PlannedTable, Refusal
 
 _NEAR_WHOLE = 0.01  # largest distance of a step from a whole multiple of the smallest, in such steps
@@ -74,7 +74,10 @@ def cell_grid(rows: pd.DataFrame, x: str, y: str, table: pd.DataFrame) -> CellGr
         of_rows, of_table = (np.unique(part[name].dropna().to_numpy(float)) for part in (rows, table))
         if is_drawn(table, name) or not _on_grid(of_rows, log=log):
             return None
-        centres = _filled(of_table if _on_grid(of_table, log=log) else of_rows, log=log)
+        centres = of_table if _on_grid(of_table, log=log) else of_rows
+        listed = listed_values(table, name)
+        # between the values of a list, which may be uneven, none is missing
+        centres = np.union1d(centres, listed) if listed else _filled(centres, log=log)
         values.append(centres)
         edges.append(cell_edges(centres, log=log))
     few = len(rows) < _LEAST_FILLED * len(np.unique(rows[x])) * len(np.unique(rows[y]))

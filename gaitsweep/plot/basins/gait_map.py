@@ -15,20 +15,10 @@ from matplotlib.patches import Patch
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
 from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
-from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import (
-    OTHER,
-    is_angle,
-    is_logarithmic,
-    log_axes,
-    outcome,
-    require_columns,
-    rows_where,
-)
+from gaitsweep.plot.columns import HATCHED, OTHER, is_turn, outcome, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Outcome
 
-_HATCHED = (Outcome.NOT_SETTLED, Outcome.FAILED)
 _STRIPES = ("\\\\\\", "---", "|||")  # of the second gait of a set, the third, ...
 _DOUBTFUL = "++++"  # of a set that may have more gaits
 
@@ -52,22 +42,18 @@ def gait_map(
         PlotError: the table lacks a column.
     """
     require_columns(table, x, y, hue)
-    with theme.canvas(theme.COLUMN + 1.8, 3.9, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
+    with theme.diagram(table, x, y, title, width=theme.COLUMN + 1.8, height=3.9) as (figure, axes):
         table = rows_where(table, table[x].notna() & table[y].notna())
         if not len(table):
             theme.message(axes, "no rows yet")
             return figure
         sets = _sets(table, x, y, hue)
         looks = _looks(_ordered(sets["set"].tolist()))
-        log_axes(axes, table, x=x, y=y)
         grid = cell_grid(sets, x, y, table)
         handles = _points(axes, sets, x, y, looks) if grid is None else _cells(axes, sets, grid, looks)
-        if is_angle(table, x) and not is_logarithmic(table, x):
+        if is_turn(table, x):
             theme.angle_ticks(axes, "x")
-        if is_angle(table, y) and not is_logarithmic(table, y):
+        if is_turn(table, y):
             theme.angle_ticks(axes, "y")
         cells = sets["set"].tolist()
         labels = [f"{_words(names)}  {theme.percent(cells.count(names) / len(cells))} %" for names in looks]
@@ -82,13 +68,13 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     dtype = table[hue].dtype
     categories = map(str, dtype.categories) if isinstance(dtype, pd.CategoricalDtype) else ()
     named = [name for name in categories if name != "none"]
-    order = theme.ordered(named or sorted(set(shown) - {OTHER, *_HATCHED}))
+    order = theme.ordered(named or sorted(set(shown) - {OTHER, *HATCHED}))
 
     def reached(outcomes: pd.Series) -> tuple[str, ...]:
         """The gaits among the outcomes of a cell's starts, and the first of the other outcomes."""
         present = set(outcomes)
         gaits = tuple(name for name in order if name in present)
-        others = (Outcome.FAILED, Outcome.NOT_SETTLED) if gaits else (OTHER, *_HATCHED)
+        others = (Outcome.FAILED, Outcome.NOT_SETTLED) if gaits else (OTHER, *HATCHED)
         return gaits + tuple(name for name in others if name in present)[:1]
 
     cells = pd.DataFrame({x: table[x], y: table[y], "set": shown})
@@ -98,15 +84,15 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
 def _ordered(sets: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """The sets that occur: single gaits first, then sets of several; cells without a gait last."""
     present = list(dict.fromkeys(sets))
-    without = [(OTHER,), *((name,) for name in _HATCHED)]
+    without = [(OTHER,), *((name,) for name in HATCHED)]
     gaits = (names for names in present if names not in without)
-    ordered = sorted(gaits, key=lambda names: (names[-1] in _HATCHED, len(names), names))
+    ordered = sorted(gaits, key=lambda names: (names[-1] in HATCHED, len(names), names))
     return [*ordered, *(names for names in without if names in present)]
 
 
 def _gaits_of(names: tuple[str, ...]) -> tuple[str, ...]:
     """A set of gaits without the mark of a start that failed or did not settle."""
-    return names[:-1] if len(names) > 1 and names[-1] in _HATCHED else names
+    return names[:-1] if len(names) > 1 and names[-1] in HATCHED else names
 
 
 class _Look(NamedTuple):
@@ -178,5 +164,5 @@ def _words(names: tuple[str, ...]) -> str:
     if len(gaits) < len(names):
         return f"{' and '.join(gaits)}; another start {theme.named(names[-1])}"
     if len(names) == 1:
-        return gaits[0] if names[0] in (OTHER, *_HATCHED) else f"{gaits[0]} only"
+        return gaits[0] if names[0] in (OTHER, *HATCHED) else f"{gaits[0]} only"
     return f"{', '.join(gaits[:-1])} and {gaits[-1]}"

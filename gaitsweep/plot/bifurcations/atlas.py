@@ -15,7 +15,16 @@ from matplotlib.transforms import offset_copy
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Title
-from gaitsweep.plot.bifurcations.continuation import WORDS, draw_branch, key, pieces, stretches
+from gaitsweep.plot.bifurcations.continuation import (
+    WORDS,
+    Marks,
+    draw_branch,
+    draw_marks,
+    key,
+    key_of_marks,
+    pieces,
+    stretches,
+)
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import (
     PlotError,
@@ -42,7 +51,7 @@ _LINES: dict[str, Any] = {
 }
 _CURVES = {**WORDS, "branch_point": "pitchfork or transcritical", "order_change": "order of events"}
 # Bifurcations of codimension 2: their marks and words.
-_MARKS = {
+_MARKS: Marks = {
     "cusp": ("*", "cusp"),
     "resonance_1_1": ("P", "1:1 resonance"),
     "resonance_1_2": ("X", "1:2 resonance"),
@@ -90,21 +99,19 @@ def road_map(
         PlotError: the table lacks a column, or the row.
     """
     x = branch_parameter(table)
-    require_columns(table, x, "part", "number", "period", "stable", "special")
+    require_columns(table, x, "part", "gait", "period", "stable", "special")
     name = recorded_column(table, y)
     of_row = _of_row(table, row)
     branches = rows_where(of_row, (of_row["part"] == "branch") & of_row[name].notna())
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title) as (figure, axes):
         if not len(branches):
             theme.message(axes, "No gait was found.")
             return figure
         origin = origin_of(table, name, branches[name].to_numpy(float))
         parts = [part for _, branch in branches.groupby("number") for part in _parts_of_gaits(branch)]
         colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in parts)))
-        searched_at = _searched_at(table)
+        run = table.attrs["job"]["run"]
+        searched_at = run.get("at", next(iter(run.get("path") or ()), None))
         if searched_at is not None:
             axes.axvline(searched_at, color="#BBBBBB", lw=0.8, zorder=0)
         for gait, part in parts:
@@ -118,22 +125,8 @@ def road_map(
     return figure
 
 
-def _searched_at(table: pd.DataFrame) -> float | None:
-    """The value of the parameter at which the atlas searched gaits; None if its job does not give it."""
-    run = table.attrs.get("job", {}).get("run", {})
-    if "at" in run:
-        return run["at"]
-    path = run.get("path")
-    return path[0] if path else None
-
-
 @figure_kind("atlas", coloured="periods")
-def atlas(
-    table: pd.DataFrame,
-    *,
-    row: Annotated[int, "row of the job"] = 0,
-    title: Title = None,
-) -> Figure:
+def atlas(table: pd.DataFrame, *, row: Annotated[int, "row of the job"] = 0, title: Title = None) -> Figure:
     """Draw the curves of bifurcations in the plane of both parameters, and what happens along them.
 
     Line styles are the kinds of bifurcation, colours the periods of the gaits. Thin lines are bifurcations of
@@ -152,13 +145,10 @@ def atlas(
         raise PlotError("This atlas has no second parameter: give run.second, such as {m_H: [5, 20]}.")
     x = branch_parameter(table)
     y = next(iter(run["second"]))
-    require_columns(table, x, y, "part", "number", "period", "unstable", "special", "point")
+    require_columns(table, x, y, "part", "period", "stable", "unstable", "special", "found")
     of_row = _of_row(table, row)
     curves = rows_where(of_row, (of_row["part"] != "branch") & (of_row["part"] != ""))
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
+    with theme.diagram(table, x, y, title) as (figure, axes):
         if not len(curves):
             theme.message(axes, "No branch has a bifurcation that can be followed.")
             return figure
@@ -167,7 +157,7 @@ def atlas(
         colours = theme.colours(periods)
         bars = _draw_bars(axes, branches, x, y, colours)
         for _, curve in curves.groupby("number"):
-            _draw_curve(axes, curve.sort_values("point"), x, y, colours)
+            _draw_curve(axes, curve, x, y, colours)
         handles = _curve_key(curves, colours)
         if run.get("stationary"):
             handles[0].set_label("rest")
@@ -189,10 +179,7 @@ def _draw_bars(
     ends: list[float] = []  # of the last bar of each lane: bars that overlap lie one above the other
     for low, high, period in bars:
         lane = next((k for k, end in enumerate(ends) if low > end - rounding), len(ends))
-        if lane == len(ends):
-            ends.append(high)
-        else:
-            ends[lane] = high
+        ends[lane : lane + 1] = [high]
         in_lane = offset_copy(axes.transData, axes.get_figure(root=True), 0.0, lane * _BAR, units="points")
         colour = colours[period_names([period])[0]]
         bar = Line2D([low, high], [level, level], lw=_BAR, color=colour, alpha=0.5, zorder=0)
@@ -246,9 +233,7 @@ def _draw_curve(axes: Axes, curve: pd.DataFrame, x: str, y: str, colours: dict[s
     kind = str(curve["part"].iloc[0])
     for of_stable, part in stretches(curve["unstable"].to_numpy(int) == 0):
         axes.plot(at[part], up[part], color=colour, lw=1.8 if of_stable else 0.8, ls=_LINES[kind])
-    for special, (mark, _) in _MARKS.items():
-        marked = (curve["special"] == special).to_numpy(bool)
-        axes.plot(at[marked], up[marked], mark, ms=5.5, color="black", mfc="white", zorder=3)
+    draw_marks(axes, at, up, curve["special"].to_numpy(object), _MARKS, size=5.5)
 
 
 def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
@@ -260,12 +245,7 @@ def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
         for kind, look in _LINES.items()
         if kind in kinds
     ]
-    special = set(curves["special"].astype(str))
-    handles += [
-        Line2D([], [], ls="", marker=mark, ms=5.0, color="black", mfc="white", label=label)
-        for name, (mark, label) in _MARKS.items()
-        if name in special
-    ]
+    handles += key_of_marks(set(curves["special"].astype(str)), _MARKS, size=5.0)
     if np.any(curves["unstable"].to_numpy(int) > 0):
         handles.append(Line2D([], [], color="black", lw=0.8, label="of an unstable gait"))
     return handles
@@ -289,12 +269,13 @@ def orbit_family(
         row: the row of the job.
 
     Raises:
-        PlotError: the table lacks a column or the branch, or the model has no events.
+        PlotError: the table lacks a column, the row or the branch, or the gaits have no events.
     """
     x = branch_parameter(table)
-    require_columns(table, x, "row", "part", "number", "point", "time", "stable", "special")
-    branches = rows_where(table, (table["row"] == row) & (table["part"] == "branch"))
-    family = rows_where(branches, branches["number"] == branch).sort_values("point")
+    require_columns(table, x, "part", "time", "stable", "special")
+    of_row = _of_row(table, row)
+    branches = rows_where(of_row, of_row["part"] == "branch")
+    family = rows_where(branches, branches["number"] == branch)
     if not len(family):
         numbers = ", ".join(map(str, np.unique(branches["number"].to_numpy(int))))
         raise PlotError(f"branch is {branch}, but row {row} has the branches {numbers or '(none)'}.")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,9 +17,10 @@ from matplotlib.markers import MarkerStyle
 from gaitsweep.analysis.records import in_order
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
-from gaitsweep.plot.arguments import AlongAxis, Observed, Title
-from gaitsweep.plot.column_labels import described
+from gaitsweep.plot.arguments import AlongAxis, Observed, Panels, Title
+from gaitsweep.plot.column_labels import described, written
 from gaitsweep.plot.columns import (
+    by_value,
     column,
     is_angle,
     log_axes,
@@ -44,6 +46,8 @@ _WITHOUT = {_NOT_SETTLED: "#999999", _FAILED: "#B00020", _AT_REST: "#222222"}  #
 _ERRORS = 2.0  # standard errors of the exponent that are drawn
 _MANY = 2000  # rows from which on points are smaller
 _SIZE, _SMALL = 3.0, 0.8  # points: sizes of markers
+_PANELS_A_ROW = 3
+_MOST_PANELS = 12
 
 
 @figure_kind("settle", check=check_one_parameter, gaits_by_default=True)
@@ -57,6 +61,7 @@ def orbit(
         "gait or status: what colours the points; by default the gait where settled rows have several, or "
         "one with a colour of the style",
     ] = None,
+    panels: Panels = None,
     title: Title = None,
 ) -> Figure:
     """The crossings of the attractors that rows reach over a parameter, with the Lyapunov exponent below.
@@ -74,43 +79,80 @@ def orbit(
         PlotError: the table lacks a column.
     """
     name = column(table, y, ("_end", ""))
-    require_columns(table, x, "status")
-    require_one_system(table, x)
+    require_columns(table, x, panels, "status")
+    require_one_system(table, x, panels)
+    parts, title = theme.first_of(by_value(table, panels), _MOST_PANELS, title)
+    down, across = theme.shape(len(parts), theme.PAGE, 2.0, _PANELS_A_ROW)
     exponents = _EXPONENT in table and bool(np.isfinite(table[_EXPONENT].to_numpy(float)).any())
-    with theme.canvas(theme.COLUMN + 1.6, 4.6 if exponents else 3.4, title) as figure:
-        heights = [2.2, 1.0] if exponents else [1.0]
-        panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        above = panels[0]
-        panels[-1].set_xlabel(described(table, x))
-        log_axes(above, table, x=x)
-        above.set_ylabel(described(table, name, 36))
-        statuses = set(table["status"].astype(str))
-        present = [status for status in _LOOKS if status in statuses]
-        looks = _looks(table, present, hue)
-        size = _SIZE if len(table) < _MANY else _SMALL
+    high, width = 4.6 if exponents else 3.4, theme.COLUMN + 1.6
+    if len(parts) > 1:
+        high, width = down * (0.75 * high - 0.4) + 0.6, theme.PAGE
+    with theme.canvas(width, high, title) as figure:
+        layers = theme.stacked_panels(figure, (down, across), len(parts), (2.2, 1.0) if exponents else (1.0,))
+        grid, lowest = layers[0], layers[-1]
+        for number in range(max(len(parts) - across, 0), len(parts)):
+            lowest[number].set_xlabel(described(table, x, min(90 // across, 44)))
+            lowest[number].tick_params(labelbottom=True)
+        log_axes(grid[0], table, x=x)
+        looks = _looks(table, hue)
         crossings = _crossings(table, name)
         crossings = unwrap_from(crossings, origin_of(table, name, crossings.ravel()))
-        for of_look in looks:
-            values = crossings[of_look.rows]
-            at = np.broadcast_to(table[x].to_numpy(float)[of_look.rows, None], values.shape)
-            above.plot(
-                at.ravel(), values.ravel(), color=of_look.colour, rasterized=True, **_marker(of_look, size)
-            )
-        if not present:
-            theme.message(above, "No row has settled." if len(table) else "no rows yet")
-        theme.value_axis(above, angle=is_angle(table, name))
-        without = _without_crossings(table, x)
-        for words, values in without.items():
-            look: dict[str, Any] = {"color": _WITHOUT[words], "ms": 5, "clip_on": False}
-            above.plot(values, 0.0 * values, "|", transform=above.get_xaxis_transform(), **look)
-        if exponents:
-            _draw_exponent(panels[1], table, x)
+        without: set[str] = set()
+        for number, (axes, (value, part)) in enumerate(zip(grid, parts, strict=True)):
+            axes.set_title("" if value is None else written(table, str(panels), value))
+            if number % across == 0:
+                axes.set_ylabel(described(table, name, 36 if len(parts) == 1 else 24))
+            without |= _draw_crossings(axes, table, part.index.to_numpy(), x, crossings, looks)
+            if exponents:
+                _draw_exponent(lowest[number], part, x, labelled=number % across == 0)
+        theme.value_axis(grid[0], angle=is_angle(table, name))
+        if exponents:  # of a strongly stable orbit the exponent has no lower bound
+            exponent = table[_EXPONENT].to_numpy(float)
+            exponent = exponent[np.isfinite(exponent)]
+            least = min(-2.0 * np.max(exponent, initial=0.0), float(np.quantile(exponent, 0.02)))
+            lowest[0].set_ylim(bottom=least if least < 0.0 else None)
         handles = [Line2D([], [], color=of.colour, label=of.words, **_marker(of, 4.5)) for of in looks]
         handles += [
-            Line2D([], [], ls="", marker="|", color=_WITHOUT[words], ms=6, label=words) for words in without
+            Line2D([], [], ls="", marker="|", color=colour, ms=6, label=words)
+            for words, colour in _WITHOUT.items()
+            if words in without
         ]
         theme.legend(figure, handles, ncols=2)
     return figure
+
+
+def _draw_crossings(
+    axes: Axes,
+    table: pd.DataFrame,
+    rows: Int[np.ndarray, " some"],
+    x: str,
+    crossings: Float[np.ndarray, "rows crossings"],
+    looks: Sequence[_Look],
+) -> set[str]:
+    """Draw the crossings of some rows, and marks at values without any; returns the words for these.
+
+    Args:
+        axes: the panel.
+        table: the table.
+        rows: the numbers of its records that the panel shows.
+        x: the column of the parameter.
+        crossings: those of all its records, as from `_crossings`.
+        looks: those of all its records.
+    """
+    size = _SIZE if len(table) < _MANY else _SMALL
+    at = table[x].to_numpy(float)
+    shown = [rows[look.rows[rows]] for look in looks]
+    for look, of_look in zip(looks, shown, strict=True):
+        values = crossings[of_look]
+        places = np.broadcast_to(at[of_look, None], values.shape)
+        axes.plot(places.ravel(), values.ravel(), color=look.colour, rasterized=True, **_marker(look, size))
+    if not any(map(len, shown)):
+        theme.message(axes, "No row has settled." if len(table) else "no rows yet")
+    without = _without_crossings(table.iloc[rows], x)
+    for words, values in without.items():
+        mark: dict[str, Any] = {"color": _WITHOUT[words], "ms": 5, "clip_on": False}
+        axes.plot(values, 0.0 * values, "|", transform=axes.get_xaxis_transform(), **mark)
+    return set(without)
 
 
 class _Look(NamedTuple):
@@ -128,11 +170,15 @@ def _marker(look: _Look, size: float) -> dict[str, Any]:
     return {"ls": "", "marker": look.marker, "ms": size, "mew": width}
 
 
-def _looks(table: pd.DataFrame, present: list[str], hue: str | None) -> list[_Look]:
+def _looks(table: pd.DataFrame, hue: str | None) -> list[_Look]:
     """The looks of the rows whose crossings are drawn: by the gaits of settled rows, or by the statuses."""
     status = table["status"].astype(str).to_numpy(str)
     settled = status == Status.settled.name
-    of_status = [_Look(status == name, _LOOKS[name][0], "o", _LOOKS[name][1]) for name in present]
+    of_status = [
+        _Look(status == name, colour, "o", words)
+        for name, (colour, words) in _LOOKS.items()
+        if (status == name).any()
+    ]
     if hue == "gait":
         require_columns(table, "gait")
     if hue == "status" or "gait" not in table.columns:
@@ -156,9 +202,11 @@ def _crossings(table: pd.DataFrame, name: str) -> Float[np.ndarray, "rows crossi
     return np.where(with_attractor[:, None], table[columns].to_numpy(float), np.nan)
 
 
-def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:
+def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str, *, labelled: bool) -> None:
     """Draw the largest exponent over the parameter, with its error, and the line 0."""
     axes.axhline(0.0, color="#777777", lw=0.8, ls=":")
+    if labelled:
+        axes.set_ylabel(described(table, _EXPONENT, 14))
     rows = rows_where(table, np.isfinite(table[_EXPONENT].to_numpy(float))).sort_values(x, kind="stable")
     at, value = rows[x].to_numpy(float), rows[_EXPONENT].to_numpy(float)
     error = np.nan_to_num(rows[f"{_EXPONENT}_error"].to_numpy(float)) * _ERRORS
@@ -166,10 +214,6 @@ def _draw_exponent(axes: Axes, table: pd.DataFrame, x: str) -> None:
     for status, (colour, _) in _LOOKS.items():
         of_status = rows["status"].astype(str).to_numpy() == status
         axes.plot(at[of_status], value[of_status], "o", ms=1.6, mew=0.0, color=colour)
-    axes.set_ylabel(described(table, _EXPONENT, 14))
-    # of a strongly stable orbit the exponent has no lower bound
-    least = min(-2.0 * np.max(value, initial=0.0), float(np.quantile(value, 0.02)))
-    axes.set_ylim(bottom=least if least < 0.0 else None)
 
 
 def _without_crossings(table: pd.DataFrame, x: str) -> dict[str, Float[np.ndarray, " values"]]:

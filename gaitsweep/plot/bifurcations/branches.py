@@ -15,8 +15,7 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
-from gaitsweep.plot.column_labels import described
-from gaitsweep.plot.columns import column, is_angle, log_axes, origin_of, require_columns, require_one_system
+from gaitsweep.plot.columns import column, is_angle, origin_of, require_columns, require_one_system
 from gaitsweep.plot.kind import check_one_parameter, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
@@ -47,11 +46,7 @@ def branches(
     require_columns(table, x, "row", "crossing")
     require_one_system(table, x)
     points = find_branches(table, name, x, bandwidth)
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        log_axes(axes, table, x=x)
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title) as (figure, axes):
         if not len(points):
             theme.message(axes, "No map crosses the line of no change: none has a fixed point.")
             return figure

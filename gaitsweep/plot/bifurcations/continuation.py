@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgba
@@ -25,21 +25,13 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import (
-    PlotError,
-    branch_parameter,
-    log_axes,
-    origin_of,
-    recorded_column,
-    require_columns,
-)
+from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
 STABLE, UNSTABLE = "#0072B2", "#D55E00"
 # fill and hatch of the ranges beside the branches, in order
 _RANGES = (("#E2E2E2", "////"), ("#F3E3C3", "\\\\\\\\"), ("#DCEBDD", "...."), ("#E9DDEC", "----"))
-MARKERS: dict[str, str] = dict(zip(MARKS, "ovsDX><^h", strict=True))
 WORDS = {
     "corner": "fold at a bend of the map",
     "neimark_sacker": "Neimark-Sacker",
@@ -48,6 +40,13 @@ WORDS = {
     "branch_point": "branch point",
     "hopf": "Hopf",
 }
+Marks = Mapping[str, tuple[str, str]]  # the marker and the words of each kind of bifurcation
+_MARKERS: Marks = {
+    kind: (marker, WORDS.get(kind, kind)) for kind, marker in zip(MARKS, "ovsDX><^h", strict=True)
+}
+_MARK: dict[str, Any] = {"ls": "", "color": "black", "mfc": "white"}
+_UNSTABLE: dict[str, Any] = {"lw": 1.4, "ls": (0, (4, 2))}
+_KINK: dict[str, Any] = {"lw": 0.8, "ls": ":"}
 Piece = Literal["stable", "unstable", "kink"]  # what a line between two points of a branch shows
 Look = TypeVar("Look")
 
@@ -73,21 +72,52 @@ def draw_branch(
         stable_width: width of the line where the branch is stable, in points.
     """
     at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
-    special = branch["special"].fillna("").to_numpy(str)
     absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
     looks: dict[Piece, dict[str, Any]] = {
         "stable": {"color": colour or STABLE, "ls": "-", "lw": stable_width},
-        "unstable": {"color": colour or UNSTABLE, "ls": (0, (4, 2)), "lw": 1.4},
-        "kink": {"color": colour or "#555555", "ls": ":", "lw": 0.8},
+        "unstable": {"color": colour or UNSTABLE, **_UNSTABLE},
+        "kink": {"color": colour or "#555555", **_KINK},
     }
     for (piece, missing), part in stretches(zip(pieces(branch), absent, strict=True)):
         if missing:
             continue
         over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
         axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), zorder=2, **looks[piece])
-    for kind, mark in MARKERS.items():
-        marked = special == kind
-        axes.plot(at[marked], value[marked], mark, ms=4.5, color="black", mfc="white", zorder=3)
+    draw_marks(axes, at, value, branch["special"].to_numpy(object))
+
+
+def draw_marks(
+    axes: Axes,
+    at: Float[np.ndarray, " points"],
+    up: Float[np.ndarray, " points"],
+    kinds: Shaped[np.ndarray, " points"],
+    marks: Marks = _MARKERS,
+    *,
+    size: float = 4.5,
+    zorder: float = 3,
+) -> None:
+    """Mark the points at which the table has a bifurcation.
+
+    Args:
+        axes: the panel.
+        at, up: places of the points, (n,).
+        kinds: the kind of bifurcation at each point, (n,).
+        marks: the markers by kind.
+        size: of the markers, points.
+        zorder: of the markers.
+    """
+    for kind, (marker, _) in marks.items():
+        marked = np.asarray(kinds == kind, bool)
+        axes.plot(at[marked], up[marked], marker=marker, ms=size, zorder=zorder, **_MARK)
+
+
+def key_of_marks(kinds: Collection[str], marks: Marks = _MARKERS, *, size: float = 4.5) -> list[Line2D]:
+    """The legend of the markers of the kinds of bifurcations that occur."""
+    return [
+        Line2D([], [], marker=marker, ms=size, label=words, **_MARK)
+        for kind, (marker, words) in marks.items()
+        if kind in kinds
+    ]
 
 
 def stretches(looks: Iterable[Look]) -> Iterator[tuple[Look, slice]]:
@@ -106,7 +136,7 @@ def pieces(branch: pd.DataFrame) -> list[Piece]:
     """
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
-    bifurcates = np.isin(special, list(MARKERS))
+    bifurcates = np.isin(special, list(_MARKERS))
     are_stable = np.where(bifurcates[:-1], stable[1:], stable[:-1])
     of_branch: list[Piece] = ["stable" if is_stable else "unstable" for is_stable in are_stable]
     return ["kink" if end == "kink" else piece for end, piece in zip(special[1:], of_branch, strict=True)]
@@ -134,16 +164,11 @@ def key(
         handles.append(Line2D([], [], color=colour, lw=stable_width, label="stable"))
     if not stable.all():
         colour = "#333333" if coloured else UNSTABLE
-        handles.append(Line2D([], [], color=colour, lw=1.4, ls=(0, (4, 2)), label="unstable"))
+        handles.append(Line2D([], [], color=colour, label="unstable", **_UNSTABLE))
     special = set(table["special"].fillna(""))
     if "kink" in special:
-        label = "over a bend or jump of the map"
-        handles.append(Line2D([], [], color="#555555", lw=0.8, ls=":", label=label))
-    handles += [
-        Line2D([], [], ls="", marker=mark, ms=4.5, color="black", mfc="white", label=WORDS.get(kind, kind))
-        for kind, mark in MARKERS.items()
-        if kind in special
-    ]
+        handles.append(Line2D([], [], color="#555555", label="over a bend or jump of the map", **_KINK))
+    handles += key_of_marks(special)
     handles += [Patch(label=name, **style_of_range(number)) for number, name in enumerate(beside)]
     pairs = itertools.combinations(beside.values(), 2)
     if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
@@ -196,10 +221,7 @@ def continuation(
     # the two directions in which a map follows a branch begin at one point
     of_branch = [name_of_part for name_of_part in ("row", "direction") if name_of_part in table]
     table = table.dropna(subset=[name]).sort_values([*of_branch, "point"], kind="stable")
-    with theme.canvas(theme.COLUMN + 1.6, 3.4, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title) as (figure, axes):
         if not len(table):
             theme.message(axes, "No row has a fixed point on a branch.")
             return figure
@@ -249,9 +271,7 @@ def _colours_of_rows(
         figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
         of_numbers = map(tuple, shades.to_rgba(values[has_number]))
         colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
-    if has_number.all():
-        return colours_of_rows, []
-    return colours_of_rows, [without_hue]
+    return colours_of_rows, [] if has_number.all() else [without_hue]
 
 
 _STRIPES = {"hatch": "\\\\\\", "facecolor": "none", "lw": 0.0}  # of the second gait over the first
@@ -282,11 +302,7 @@ def stable_ranges(
     """
     x = x or branch_parameter(table)
     require_columns(table, x, y, hue, "row", "point", "stable", "special", "end")
-    with theme.canvas(theme.COLUMN + 1.2, 3.5, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        axes.set_ylabel(described(table, y, 36))
-        log_axes(axes, table, y=y)
+    with theme.diagram(table, x, y, title, width=theme.COLUMN + 1.2, height=3.5) as (figure, axes):
         areas = _areas(table.assign(gait=table[hue]), x, y)
         if not areas:
             theme.message(axes, "no stable gait was found" if len(table) else "no rows yet")
@@ -346,14 +362,10 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
     for area in areas.values():
         for side in ("low", "high"):
             at, up = area[side].to_numpy(float), area["up"].to_numpy(float)
-            cause = area[f"{side}_by"].to_numpy(str)
-            is_lost = ~np.isin(cause, ["start", "range"])
+            is_lost = ~area[f"{side}_by"].isin(["start", "range"]).to_numpy(bool)
             edge_colour = mpl.rcParams["axes.edgecolor"]
             axes.plot(np.where(is_lost, at, np.nan), up, color=edge_colour, lw=1.0, zorder=3)
-            for bifurcation, marker in MARKERS.items():
-                marked = cause == bifurcation
-                look: dict[str, Any] = {"ms": 4.5, "color": "black", "mfc": "white", "zorder": 4}
-                axes.plot(at[marked], up[marked], marker, **look)
+            draw_marks(axes, at, up, area[f"{side}_by"].to_numpy(object), zorder=4)
 
 
 def _overlaps(
@@ -381,7 +393,5 @@ def _key(areas: dict[str, pd.DataFrame]) -> tuple[list[Any], list[str]]:
         handles.append((Patch(color=colour[one], lw=0.0), Patch(edgecolor=colour[other], **_STRIPES)))
         labels.append(f"{theme.named(one)} and {theme.named(other)} stable")
     causes = {cause for area in areas.values() for cause in (*area["low_by"], *area["high_by"])}
-    kinds = [kind for kind in MARKERS if kind in causes]
-    look: dict[str, Any] = {"ls": "", "ms": 4.5, "color": "black", "mfc": "white"}
-    handles += [Line2D([], [], marker=MARKERS[kind], **look) for kind in kinds]
-    return handles, [*labels, *(WORDS.get(kind, kind) for kind in kinds)]
+    marks = key_of_marks(causes)
+    return [*handles, *marks], [*labels, *(str(mark.get_label()) for mark in marks)]

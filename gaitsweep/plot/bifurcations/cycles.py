@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydantic import Field
 
+from gaitsweep.analysis.records import names_in
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Horizontal, Hue, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
 from gaitsweep.plot.columns import PlotError, column, is_angle, log_axes
 from gaitsweep.plot.kind import figure_kind
-from gaitsweep.status import Status
+from gaitsweep.status import Outcome, Status
 
 
 @figure_kind("return_map", "ramp")
@@ -41,18 +42,22 @@ def cycles(
     """
     if not y:
         raise PlotError("y is empty: name at least one observable.")
-    names = [column(table, name, ("_n", "")) for name in y]
+    names = [column(table, name, ("_n", "")) for name in names_in(y)]
     x = column(table, x, ("", "_n"))
     column(table, hue)
-    lines = [part.sort_values("crossing") if "crossing" in part else part for _, part in _rows(table)]
-    values = list(dict.fromkeys(part[hue].iloc[0] for part in lines))
+    lines: list[tuple[Any, pd.DataFrame]] = []
+    for part in _rows(table):
+        value = part[hue].iloc[0]
+        line = part.sort_values("crossing") if "crossing" in part else part
+        lines.append((Outcome.NO_GAIT.value if pd.isna(value) else value, line))
+    values = list(dict.fromkeys(value for value, _ in lines))
     looks = _looks(values)
     down, across = theme.shape(len(names), theme.PAGE, 1.6)
     with theme.canvas(theme.PAGE, 2.4 * down + (0.45 if len(values) > 1 else 0.0), title) as figure:
         panels = theme.panels(figure, (down, across), len(names), sharex=True)
         for number, (axes, name) in enumerate(zip(panels, names, strict=True)):
-            for part in lines:
-                _line(axes, part, x, name, looks[part[hue].iloc[0]], is_angle(table, name))
+            for value, line in lines:
+                _line(axes, line, x, name, looks[value], is_angle(table, name))
             axes.set_xlabel(described(table, x, 24) if number + across >= len(names) else "")
             log_axes(axes, table, x=x)
             axes.set_ylabel(described(table, name, 24))
@@ -68,9 +73,9 @@ def cycles(
     return figure
 
 
-def _rows(table: pd.DataFrame) -> list[tuple[object, pd.DataFrame]]:
-    """The records of each row; a table without rows is one."""
-    return list(table.groupby("row", sort=True, observed=True)) if "row" in table.columns else [(0, table)]
+def _rows(table: pd.DataFrame) -> list[pd.DataFrame]:
+    """The records of each row; a table without a column of rows is one."""
+    return [part for _, part in table.groupby("row", sort=True)] if "row" in table.columns else [table]
 
 
 def _looks(values: Sequence[Any]) -> dict[Any, dict[str, Any]]:
@@ -106,15 +111,14 @@ def _line(axes: Axes, part: pd.DataFrame, x: str, name: str, look: dict[str, Any
 
 
 def _labels(
-    table: pd.DataFrame, lines: Sequence[pd.DataFrame], names: Sequence[str], hue: str
-) -> tuple[dict[object, str], str]:
-    """The name of each line, its start if the table has it, else its hue, and the legend's title."""
+    table: pd.DataFrame, lines: Sequence[tuple[Any, pd.DataFrame]], names: Sequence[str], hue: str
+) -> tuple[dict[Any, str], str]:
+    """The name of each line's hue, or its start if lines are rows with one, and the legend's title."""
     starts = [name[:-2] for name in names if name.endswith("_n") and name[:-2] in table.columns]
     if hue != "row" or len(starts) < len(names):
-        return {part[hue].iloc[0]: str(part[hue].iloc[0]) for part in lines}, symbol(table, hue)
+        return {value: str(value) for value, _ in lines}, symbol(table, hue)
     labels = {
-        part[hue].iloc[0]: "(" + ", ".join(f"{part[name].iloc[0]:.2f}" for name in starts) + ")"
-        for part in lines
+        row: "(" + ", ".join(f"{line[name].iloc[0]:.2f}" for name in starts) + ")" for row, line in lines
     }
     unit = ", rad" if all(is_angle(table, name) for name in starts) else ""
     return labels, "start (" + ", ".join(symbol(table, name) for name in starts) + ")" + unit

@@ -18,11 +18,10 @@ from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observed, Title
-from gaitsweep.plot.column_labels import described, symbol, unit_of
+from gaitsweep.plot.column_labels import symbol, unit_of
 from gaitsweep.plot.columns import (
     column,
     is_angle,
-    log_axes,
     origin_of,
     outcome,
     require_columns,
@@ -61,11 +60,7 @@ def gait_transitions(
     name = column(table, y, ("_end", ""))
     require_columns(table, x, start, hue, "status")
     require_one_system(table, x)
-    with theme.canvas(theme.COLUMN + 1.6, 3.6, title) as figure:
-        axes = figure.subplots()
-        axes.set_xlabel(described(table, x))
-        log_axes(axes, table, x=x)
-        axes.set_ylabel(described(table, name, 36))
+    with theme.diagram(table, x, name, title, height=3.6) as (figure, axes):
         table = rows_where(table, table[x].notna())
         if not len(table):
             theme.message(axes, "no rows yet")

@@ -235,22 +235,21 @@ def hysteresis(
             "The table's job moves no parameter: hysteresis is drawn from a ramp or a staircase; "
             "for another table name the column as `parameter`."
         )
-    shown = [
-        *panels_of(table, panels, beside=with_table is not None),
-        *panels_of_second(table, with_table, panels),
-    ]
-    shown, title = theme.first_of(shown, MOST_PANELS, title)
-    for panel in shown:
-        if panel.table is not None:
-            _require(panel.table, parameter, [y] if x is None else [y, x])
-    name = column(table, y, ("_n", ""))
-    if x is not None:
-        shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
-        parameter = column(table, x, ("_n", ""))
+    shown = panels_of(table, panels, beside=with_table is not None)
+    shown, title = theme.first_of([*shown, *panels_of_second(table, with_table, panels)], MOST_PANELS, title)
     if title == "" and len(shown) == 1:
         shown = [shown[0]._replace(heading="")]
-    columns = Columns(table, name, parameter, _origin(table, name, shown))
-    parted = [irregular_parted(panel.table, name, parameter, least or LEAST_JUMP) for panel in shown]
+    name = column(table, y, ("_n", ""))
+    along = parameter if x is None else column(table, x, ("_n", ""))
+    for panel in shown:
+        if panel.table is not None:
+            require_columns(panel.table, parameter, "pass", "row", name, along)
+    if x is not None:
+        shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
+    tables = [panel.table for panel in shown if panel.table is not None]
+    values = np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables])
+    columns = Columns(table, name, along, origin_of(table, name, values))
+    parted = [irregular_parted(panel.table, name, along, least or LEAST_JUMP) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     # inches, of a row of panels, which are lower where a page would have no room for them
@@ -259,14 +258,17 @@ def hysteresis(
     width = theme.PAGE if len(shown) > 1 else theme.COLUMN + 1.2
     room = theme.width_of(width) / across - 0.8
     with theme.canvas(width, high * down + 1.0, title) as figure:
-        grid, below = _panels(figure, len(shown), down, across, strips=strips)
+        heights = (2.5, 1.0) if strips else (1.0,)
+        layers = theme.stacked_panels(figure, (down, across), len(shown), heights)
+        grid, below = layers[0], layers[-1]
         jumps = []
         for number, (panel, (branches, irregular)) in enumerate(zip(shown, parted, strict=True)):
             jumps.append(draw_passes(grid[number], panel, branches, columns, least))
-            if strips:
-                draw_strip(below[number], irregular, panel.table, columns)
-            last = number % across == across - 1 or number == len(shown) - 1
             strip = below[number] if strips else None
+            if strip is not None:
+                draw_strip(strip, irregular, panel.table, columns)
+                strip.set_label(STRIP)
+            last = number % across == across - 1 or number == len(shown) - 1
             _mark(grid[number], strip, ticks, columns.origin, named=last)
         in_key = _single_jumps(jumps) if in_column() else {}
         broken = _label(grid, below, columns, across, ticks, [[]] if in_key else jumps, room)
@@ -278,12 +280,6 @@ def hysteresis(
         key += _name_gaits(grid, [branches for branches, _ in parted], columns, [*ticks])
         theme.legend(figure, key, ncols=3)
     return figure
-
-
-def _origin(table: pd.DataFrame, name: str, shown: Sequence[Panel]) -> float | None:
-    """The angle (rad) at which the values of all panels are cut; None if they are no angles."""
-    tables = [panel.table for panel in shown if panel.table is not None and name in panel.table.columns]
-    return origin_of(table, name, np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables]))
 
 
 def _label(
@@ -298,7 +294,7 @@ def _label(
     """Label the outer axes, and write the jumps of each panel below it.
 
     Args:
-        grid, below: the panels and the lowest of each, as from `_panels`.
+        grid, below: the panels, and the lowest axes of each: the strip below it, or itself.
         columns: the columns along the axes.
         across: panels in a row.
         ticks: marked values of y, which the last panel of a row names at its right side.
@@ -318,52 +314,15 @@ def _label(
         if number + across >= len(grid):
             last = number % across == across - 1 or number == len(grid) - 1
             of_ticks = _LETTER * max(map(len, ticks), default=0) if last else 0.0
-            _name_parameter(lowest, columns.table, columns.x, room - of_ticks)
+            label = described(columns.table, columns.x, 66, named=True)  # as the legend does
+            lowest.set_xlabel(theme.wrapped(label, room - of_ticks, 8.5))
+            lowest.tick_params(labelbottom=True)
         broken.append(_below(lowest, jumps[number], room + 0.4))
     return max(broken)
 
 
-def _require(table: pd.DataFrame, parameter: str, observables: Sequence[str]) -> None:
-    """Refuse a panel's table that lacks a column.
-
-    Raises:
-        PlotError: as for `require_columns`.
-    """
-    require_columns(table, parameter, "pass", "row")
-    for observable in observables:
-        column(table, observable, ("_n", ""))
-
-
-def _name_parameter(axes: Axes, table: pd.DataFrame, parameter: str, room: float) -> None:
-    """Label the horizontal axis of a lowest panel, in `room` inches."""
-    label = described(table, parameter, 66, named=True)  # as the legend does
-    axes.set_xlabel(theme.wrapped(label, room, 8.5))
-    axes.tick_params(labelbottom=True)
-
-
-def _panels(
-    figure: Figure, count: int, down: int, across: int, *, strips: bool
-) -> tuple[Sequence[Axes], Sequence[Axes]]:
-    """The panels, and the lowest one of each: the strip below it, or itself."""
-    heights = [2.5, 1.0] * down if strips else [1.0] * down
-    cells = figure.subplots(len(heights), across, sharex=True, squeeze=False, height_ratios=heights)
-    grid = cells[::2].ravel() if strips else cells.ravel()
-    below = cells[1::2].ravel() if strips else grid
-    for axes in below if strips else ():
-        axes.set_label(STRIP)
-    for axes in {*grid[count:], *below[count:]}:
-        axes.remove()
-    for row_of_axes in (grid, below):
-        for axes in row_of_axes[1:count]:
-            axes.sharey(row_of_axes[0])
-    return list(grid[:count]), list(below[:count])
-
-
 def _name_gaits(
-    grid: Sequence[Axes],
-    tables: Sequence[pd.DataFrame | None],
-    columns: Columns,
-    without: Sequence[str],
+    grid: Sequence[Axes], tables: Sequence[pd.DataFrame | None], columns: Columns, without: Sequence[str]
 ) -> list[Line2D]:
     """Name the gaits of tables beside their branches; returns the legend of those without room."""
     _, name, x, origin = columns

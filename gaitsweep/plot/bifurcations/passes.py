@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
@@ -90,8 +90,7 @@ def panels_of(table: pd.DataFrame, panels: str | None, *, beside: bool) -> list[
     if panels is not None:
         column(table, panels)
     parameters = varying_parameters(table)
-    names = [name for name in parameters if name != panels]
-    names = names if panels is None else [panels, *names]
+    names = [*([] if panels is None else [panels]), *(name for name in parameters if name != panels)]
     if not names:
         return [Panel(_pace(table), table)]
     pace = f", {_pace(table)}" if beside else ""
@@ -114,8 +113,9 @@ def panels_of_second(
     if other is None:
         return []
     if not isinstance(other, pd.DataFrame):
-        beside_first = Path(str(table.attrs.get("path", "."))).parent / other
-        path = Path(other) if Path(other).is_dir() else beside_first
+        path = Path(other)
+        if not path.is_dir():  # beside the first one
+            path = Path(str(table.attrs.get("path", "."))).parent / other
         try:
             other = load(path)
         except TableError as error:
@@ -164,11 +164,7 @@ class Pass(NamedTuple):
 
 
 def draw_passes(
-    axes: Axes,
-    panel: Panel,
-    branches: pd.DataFrame | None,
-    columns: Columns,
-    least: float | None,
+    axes: Axes, panel: Panel, branches: pd.DataFrame | None, columns: Columns, least: float | None
 ) -> list[Patch]:
     """Draw a panel: each row's passes on branches, and bars at jumps.
 
@@ -228,15 +224,12 @@ def _draw_jumps(axes: Axes, edges: pd.DataFrame, table: pd.DataFrame, parameter:
         # passes over the same range jump at the same place
         if words not in (patch.get_label() for patch in of_direction):
             of_direction.append(Patch(label=words, color=colour, lw=0))
-    legend: list[Patch] = []
     for of_direction in handles.values():
         unnamed = of_direction[_MOST_NAMED - 1 :]
         if len(unnamed) > 1:
-            legend += of_direction[: _MOST_NAMED - 1]
-            legend.append(Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor()))
-        else:
-            legend += of_direction
-    return legend
+            others = Patch(label=f"and {len(unnamed)} more", color=unnamed[0].get_facecolor())
+            of_direction[_MOST_NAMED - 1 :] = [others]
+    return [handle for of_direction in handles.values() for handle in of_direction]
 
 
 def _jump_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) -> str:
@@ -321,13 +314,8 @@ def _draw_row(
         pieces = theme.interrupted(parted, at[line], value[line])
         axes.plot(*pieces, color=colour, ls=LINES[colour], lw=0.8, alpha=alpha)
         if stairs:
-            look: dict[str, Any] = {
-                "ls": "",
-                "marker": marker,
-                "alpha": alpha,
-                "color": colour,
-                **marker_look(),
-            }
+            look: dict[str, Any] = {"ls": "", "marker": marker, "alpha": alpha, "color": colour}
+            look |= marker_look()
             closed, hollow = of_pass[settled[of_pass]], of_pass[~settled[of_pass]]
             axes.plot(at[closed], value[closed], mfc=colour, **look)
             axes.plot(at[hollow], value[hollow], mfc="white", **look)
@@ -347,11 +335,16 @@ def _draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
     if not high > low:
         return
     grid = np.linspace(low, high, _GRID)
-    curves = {colour: _along(drawn, grid) for colour, drawn in first_passes.items()}
+    curves = {}
+    for colour, drawn in first_passes.items():
+        order = np.argsort(drawn.at, kind="stable")
+        curves[colour] = np.interp(grid, drawn.at[order], drawn.value[order])
     differ = np.abs(curves[UP] - curves[DOWN])
     if differ.max() < 0.5 * least:
         return
-    begin, end = _longest(differ >= 0.5 * differ.max())
+    turns = np.flatnonzero(np.diff(np.r_[False, differ >= 0.5 * differ.max(), False]))
+    longest = int(np.argmax(turns[1::2] - turns[::2]))
+    begin, end = int(turns[2 * longest]), int(turns[2 * longest + 1]) - 1
     half_length = min(0.06 * (high - low), 0.4 * (grid[end] - grid[begin]))
     middle = (begin + end) // 2
     for colour, curve in curves.items():
@@ -363,17 +356,3 @@ def _draw_arrows(axes: Axes, passes: list[Pass], least: float) -> None:
         arrow = FancyArrowPatch(*ends, color=colour, lw=1.0, zorder=5, **look)
         arrow.set_transform(axes.transData + offset)
         axes.add_patch(arrow)
-
-
-def _along(drawn: Pass, grid: Float[np.ndarray, " grid"]) -> Float[np.ndarray, " grid"]:
-    """A pass's values at the grid's parameters."""
-    order = np.argsort(drawn.at, kind="stable")
-    return np.interp(grid, drawn.at[order], drawn.value[order])
-
-
-def _longest(marked: Bool[np.ndarray, " grid"]) -> tuple[int, int]:
-    """The first and last index of the longest run that is marked."""
-    turns = np.flatnonzero(np.diff(np.r_[False, marked, False]))
-    begins, ends = turns[::2], turns[1::2] - 1
-    longest = int(np.argmax(ends - begins))
-    return int(begins[longest]), int(ends[longest])

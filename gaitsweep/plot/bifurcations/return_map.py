@@ -16,20 +16,14 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Bandwidth, Observed, Panels, Title
 from gaitsweep.plot.column_labels import described, symbol, unit_of, written
-from gaitsweep.plot.columns import (
-    PlotError,
-    column,
-    origin_of,
-    require_columns,
-    require_one_system,
-    rows_where,
-)
+from gaitsweep.plot.columns import PlotError, by_value, column, origin_of, require_columns, require_one_system
 from gaitsweep.plot.kind import check_one_system, figure_kind
 from gaitsweep.schema.numbers import Word
 
 _PANELS_A_ROW = 3
 _MOST_PANELS = 24
 _POINTS, _CURVE, _POINT, _GHOST = "#B8B8B8", "#0072B2", "#D55E00", "#009E73"
+_GHOST_WORDS = "ghost: slow passage, with its change"
 _FAST = 2.0  # steps larger than so many ranges of the others are left out of the axis limits
 _NEAR = 0.1  # ranges of the values: a smaller change is near the diagonal
 _MOST = 0.98  # the least share of changes near the diagonal of a map that is near it
@@ -68,20 +62,17 @@ def return_map(
     name = column(table, y, ("_n", ""))
     require_columns(table, "row", "crossing", panels)
     require_one_system(table, panels)
-    values = sorted(table[panels].dropna().unique()) if panels else []
-    values, title = theme.first_of(values or [None], _MOST_PANELS, title)
+    parts, title = theme.first_of(by_value(table, panels), _MOST_PANELS, title)
     form = form or ("change" if _near_the_diagonal(table, name) else "next")
-    down, across = theme.shape(len(values), theme.PAGE, 2.0, _PANELS_A_ROW, height_of=lambda _: 2.0)
-    width = theme.PAGE if len(values) > 1 else theme.COLUMN + 1.2
-    height = 2.3 if across > 1 else 1.7
-    if len(values) == 1:
-        height = 2.8
+    down, across = theme.shape(len(parts), theme.PAGE, 2.0, _PANELS_A_ROW, height_of=lambda _: 2.0)
+    width, height = theme.PAGE, 2.3 if across > 1 else 1.7
+    if len(parts) == 1:
+        width, height = theme.COLUMN + 1.2, 2.8
     with theme.canvas(width, height * down + 0.9, title) as figure:
-        grid = theme.panels(figure, (down, across), len(values), sharex=True, sharey=True)
+        grid = theme.panels(figure, (down, across), len(parts), sharex=True, sharey=True)
         origin = origin_of(table, name, table[name].to_numpy(float))
         marks: set[str] = set()
-        for axes, value in zip(grid, values, strict=True):
-            part = table if value is None else rows_where(table, table[panels] == value)
+        for axes, (value, part) in zip(grid, parts, strict=True):
             marks |= _panel(axes, part, name, form, bandwidth, origin)
             axes.set_title("" if value is None else written(table, str(panels), value))
         x = described(table, name, min(90 // across, 44))
@@ -95,11 +86,9 @@ def return_map(
 def _label(table: pd.DataFrame, name: str, form: Form) -> str:
     """The label of the vertical axis: the change to the next crossing, or the next value."""
     value = symbol(table, name)
-    label = (
-        f"change of {value} to\nthe next crossing" if form == "change" else f"{value} at\nthe next crossing"
-    )
+    label = f"change of {value} to" if form == "change" else f"{value} at"
     unit = unit_of(table, name)
-    return f"{label} ({unit})" if unit else label
+    return f"{label}\nthe next crossing" + (f" ({unit})" if unit else "")
 
 
 def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
@@ -202,8 +191,6 @@ def _key(marks: set[str]) -> list[Line2D]:
         "diagonal": Line2D([], [], color="black", lw=0.6, label="no change"),
         "stable": Line2D([], [], label="stable", **point),
         "unstable": Line2D([], [], mfc="white", label="unstable", **point),
-        "ghost": Line2D(
-            [], [], ls="", marker="^", ms=5, color=_GHOST, label="ghost: slow passage, with its change"
-        ),
+        "ghost": Line2D([], [], ls="", marker="^", ms=5, color=_GHOST, label=_GHOST_WORDS),
     }
     return [handle for name, handle in handles.items() if name in marks]

@@ -14,6 +14,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.fixed_points import FollowsFixedPoints
+from gaitsweep.plot.limbs import limbs_of_model
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check_result import changes, circular
@@ -220,15 +221,9 @@ class AnimatedRecords:
         if self._parts is None or not self._sizes:
             return None
         half, height, depth = np.quantile(np.array(self._sizes), 0.98, axis=0)
-        return {
-            "limbs": list(self._parts.limbs),
-            "bodies": list(self._parts.bodies),
-            "springs": self._parts.springs,
-            "note": self._parts.note,
-            "half": half,
-            "height": height,
-            "depth": depth,
-        }
+        parts = {"limbs": list(self._parts.limbs), "bodies": list(self._parts.bodies)}
+        parts |= {"springs": self._parts.springs, "note": self._parts.note}
+        return {**parts, "half": half, "height": height, "depth": depth}
 
     @property
     def limbs(self) -> tuple[LimbLook, ...]:
@@ -236,10 +231,7 @@ class AnimatedRecords:
         if self._parts is not None and self._parts.names:
             named = zip(self._parts.names, self._parts.pairs, strict=True)
             return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
-        count = sum(q.name.startswith("contact_") for q in self._model.signals)
-        if len(self._model.limbs) == count:
-            return tuple(self._model.limbs)
-        return tuple(LimbLook(f"leg {number + 1}") for number in range(count))
+        return limbs_of_model(self._model, sum(q.name.startswith("contact_") for q in self._model.signals))
 
     def _sentence(self, walks: list[dict[str, Any]], simulated: int) -> str:
         """Format the number of animated records, and of those that differ from the table."""

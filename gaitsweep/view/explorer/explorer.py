@@ -46,26 +46,7 @@ _TEXTS_SIZE = 4000  # bytes of the texts about the table
 _TABLE_SHARE = 0.6
 # Records by which the size of a table's records is measured.
 _MEASURED = 1000
-# Files of the page; its scripts are joined to one, in this order.
-_TEMPLATE, _STYLE = "explorer.html", "explorer.css"
-_SCRIPTS = (
-    "page.js",
-    "appearance.js",
-    "unpacking.js",
-    "records.js",
-    "map.js",
-    "neighbours.js",
-    "slices.js",
-    "chosen.js",
-    "walk.js",
-    "playback.js",
-    "body.js",
-    "gif.js",
-    "save_gif.js",
-    "footfalls.js",
-    "observables.js",
-    "begin.js",
-)
+_TEMPLATE = "explorer.html"  # names the other files of the page in the order in which it has them
 _ROW_CHOOSING_FIELDS = ("refine", "over", "coarse")  # of a run: which of its rows are simulated
 
 
@@ -108,22 +89,54 @@ def write_explorer(
         JobError, RunError: the job cannot be read, or cannot run here.
         WriteError: the file cannot be written.
     """
-    plotly = plotly_source()
+    job = _job_of(table, trust=trust)
     most = MOST_REPLAYS if replays is None else replays
-    megabytes = MAX_SIZE if max_size is None else max_size
-    page = _page(
-        table,
-        _job_of(table, trust=trust),
-        plotly,
-        (x, y),
-        replays=most,
-        max_size=megabytes,
-        on_progress=on_progress,
-        on_message=on_message,
-    )
+    limit = MAX_SIZE if max_size is None else max_size
+    if most < 0:
+        raise ArgumentError(f"replays (--walks) is {most}, but must be at least 0.")
+    if not len(table):
+        raise ArgumentError("No row has ended yet, so there is nothing to explore.")
+    script = compressed(plotly_source().encode())
+    room = _room(script, limit)
+    context = prepare(job)
+    table = _labelled(table, context)
+    varied = context.design.names
+    shown = map_of(table, job, x, y, _most_records(table, varied, _TABLE_SHARE * room))
+    fields = _table_fields(shown, varied, table.attrs)
+    room -= len(compressed(json_bytes(fields)))
+    if room < 0:
+        raise ExplorerSizeError(f"The table alone is larger than --max-size, {limit:g} MB.")
+    spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
+    animated = AnimatedRecords(shown, context, most, float(spent), on_progress)
+    fields |= animated.fields(room)
+    fields |= _python(table, context) | _passes(table, context) | _about(shown, table, context, animated)
+    parts = {"title": html.escape(fields["name"]), "contents": html.escape(animated.sentence)}
+    parts |= {"data": compressed(json_bytes(fields)), "plotly": script}
+    size = f"{len(_filled({**parts, 'size': '0.0'}).encode()) / _MB:.1f}"
+    on_message(f"{animated.sentence} The page is {size} MB.")
+    page = _filled({**parts, "size": size}).encode()
     with writing(f"{target} could not be written"):
-        replace_file(target, lambda file: file.write(page.encode()))
+        replace_file(target, lambda file: file.write(page))
     return target
+
+
+def _room(script: str, max_size: float) -> int:
+    """The bytes for the table and the replays on a page of `max_size` MB with plotly.js, compressed.
+
+    Raises:
+        ArgumentError: the size is too small.
+    """
+    if max_size <= 0.0:
+        raise ArgumentError(f"max_size is {max_size:g} MB, but must be above 0.")
+    without_data = dict.fromkeys(("title", "contents", "data", "size"), "") | {"plotly": script}
+    frame = len(_filled(without_data)) + _TEXTS_SIZE
+    room = int(max_size * _MB) - frame
+    if room < _LEAST_ROOM:
+        least = (frame + _LEAST_ROOM) / _MB
+        raise ExplorerSizeError(
+            f"The page needs {least:.1f} MB even without walks, but --max-size is {max_size:g} MB."
+        )
+    return room
 
 
 def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
@@ -144,53 +157,6 @@ def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
             f"Allowed: {', '.join(KINDS)}.{instead}"
         )
     return stored_job(table.attrs, trust=trust)
-
-
-def _page(
-    table: pd.DataFrame,
-    job: Job,
-    plotly: str,
-    axes: tuple[str | None, str | None],
-    *,
-    replays: int,
-    max_size: float,
-    on_progress: Progress | None,
-    on_message: Callable[[str], None],
-) -> str:
-    """The HTML page of a table, with plotly.js (source `plotly`), the records and the replays embedded."""
-    if replays < 0:
-        raise ArgumentError(f"replays is {replays}, but must be at least 0.")
-    if max_size <= 0.0:
-        raise ArgumentError(f"max_size is {max_size:g} MB, but must be above 0.")
-    if not len(table):
-        raise ArgumentError("No row has ended yet, so there is nothing to explore.")
-    script = compressed(plotly.encode())
-    page_size = sum(len(_part(name)) for name in (_TEMPLATE, _STYLE, *_SCRIPTS)) + _TEXTS_SIZE
-    frame_size = len(script) + page_size
-    room = int(max_size * _MB) - frame_size
-    if room < _LEAST_ROOM:
-        least = (frame_size + _LEAST_ROOM) / _MB
-        raise ExplorerSizeError(
-            f"The page needs {least:.1f} MB even without walks, but --max-size is {max_size:g} MB."
-        )
-    context = prepare(job)
-    table = _labelled(table, context)
-    shown = map_of(table, job, *axes, _most_records(table, context.design.names, _TABLE_SHARE * room))
-    fields = _table_fields(shown, context.design.names, table.attrs)
-    room -= len(compressed(json_bytes(fields)))
-    if room < 0:
-        raise ExplorerSizeError(f"The table alone is larger than --max-size, {max_size:g} MB.")
-    spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
-    animated = AnimatedRecords(shown, context, replays, float(spent), on_progress)
-    fields |= animated.fields(room)
-    fields |= _python(table, context)
-    fields |= _passes(table, context)
-    fields |= _about(shown, table, context, animated)
-    data = compressed(json_bytes(fields))
-    parts = {"title": fields["name"], "told": animated.sentence}
-    size = f"{len(_filled(parts, script, data, '0.0').encode()) / _MB:.1f}"
-    on_message(f"{animated.sentence} The page is {size} MB.")
-    return _filled(parts, script, data, size)
 
 
 def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
@@ -363,15 +329,12 @@ def _about(
     }
 
 
-def _part(name: str) -> str:
-    """The text of a file of the page."""
-    return resources.files("gaitsweep.view.explorer").joinpath("page", name).read_text("utf-8")
+def _filled(parts: Mapping[str, str]) -> str:
+    """The template with its marks {{...}} replaced by escaped parts, and by the files that they name."""
+    files = resources.files("gaitsweep.view.explorer").joinpath("page")
 
+    def part(mark: re.Match[str]) -> str:
+        return parts[mark[1]] if mark[1] in parts else files.joinpath(mark[1]).read_text("utf-8")
 
-def _filled(texts: Mapping[str, str], plotly: str, data: str, size: str) -> str:
-    """The template filled with its parts; `texts` are escaped, and `size` is that of the page in MB."""
-    parts = {name: html.escape(text) for name, text in texts.items()}
-    parts |= {"style": _part(_STYLE), "script": "\n".join(map(_part, _SCRIPTS))}
-    parts |= {"size": size, "data": data, "plotly": plotly}
     # all at once, so that no text is searched for marks
-    return re.sub(rf"\{{\{{({'|'.join(parts)})\}}\}}", lambda mark: parts[mark[1]], _part(_TEMPLATE))
+    return re.sub(r"\{\{([\w.]+)\}\}", part, files.joinpath(_TEMPLATE).read_text("utf-8"))

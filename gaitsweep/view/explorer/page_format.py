@@ -10,6 +10,7 @@ import json
 import math
 import re
 from collections.abc import Collection, Mapping
+from html.entities import html5
 from importlib import resources
 from typing import Any
 
@@ -101,10 +102,6 @@ def _escapes(letters: re.Match[str]) -> str:
 
 DIGITS = 7  # significant digits of the numbers that the page shows
 _ALL_DIGITS = 17  # significant digits that tell all numbers apart
-_GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "Delta": "Δ", "eta": "η", "kappa": "κ", "mu": "μ",
-    "omega": "ω", "phi": "φ", "psi": "ψ", "sigma": "σ", "tau": "τ", "theta": "θ", "zeta": "ζ", "lambda": "λ",
-}  # fmt: skip
 RESOLUTION = 1e-3  # of stored pictures, as a share of the body's height
 # Integers of two bytes: the largest in magnitude that is a number, and the one for a missing number.
 _LARGEST = 32767
@@ -138,7 +135,7 @@ def html_symbol(table: pd.DataFrame, name: str) -> str:
         text = re.sub(
             rf"\\{mark}(?![A-Za-z])\s*(?:\{{(\\?[A-Za-z]+)\}}|(\\?[A-Za-z]+))", rf"\1\2{above}", text
         )
-    text = re.sub(r"\\([A-Za-z]+)", lambda command: _GREEK.get(command[1], command[0]), text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda command: html5.get(f"{command[1]};", command[0]), text)
     for mark, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{mark}(?:\{{((?:[^{{}}]|\{{[^{{}}]*\}})*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
     text = text.replace("{", "").replace("}", "").replace("\\,", " ")

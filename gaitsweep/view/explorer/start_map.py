@@ -179,10 +179,7 @@ def _axes(table: pd.DataFrame, job: Job, x: str | None, y: str | None) -> tuple[
     suffixes = ("", "_end") if job.run.one_a_row else ("_n", "")
     default_of = _axes_of_rows if job.run.one_a_row else _axes_of_records
     default_x, default_y = default_of(table, job)
-    chosen = (
-        column(table, x, suffixes) if x else default_x,
-        column(table, y, suffixes) if y else default_y,
-    )
+    chosen = (column(table, x, suffixes) if x else default_x, column(table, y, suffixes) if y else default_y)
     for name in chosen:
         if name not in table.columns:
             raise PlotError(f"{name} is not a column of this table.")

@@ -18,8 +18,8 @@ from matplotlib.text import Text
 
 from gaitsweep.mathtext import escape_unparsable
 from gaitsweep.plot import theme
-from gaitsweep.plot.footprint_diagrams import contact_intervals
-from gaitsweep.plot.limbs import limb_colours
+from gaitsweep.plot.footprint_diagrams import contact_intervals, draw_stances
+from gaitsweep.plot.limbs import name_limbs
 from gaitsweep.skeleton import Limb, Skeleton
 from gaitsweep.view.movie.side_view import SideView, bounds
 
@@ -97,19 +97,10 @@ class Footfalls:
             contact: 1 on the ground.
         """
         self._axes = axes
-        colours = limb_colours(limbs)
-        for row, colour in enumerate(colours):
-            starts, stops = contact_intervals(t, contact[:, row])
-            bars = list(zip(starts, stops - starts, strict=True))
-            axes.broken_barh(bars, (row - _BAR_HEIGHT / 2, _BAR_HEIGHT), facecolors=colour, linewidth=0)
-        named = range(0, len(limbs), max(1, math.ceil(len(limbs) / _MAX_NAMES)))
-        axes.set_yticks(list(named), [limbs[row].name for row in named])
-        for tick, row in zip(axes.get_yticklabels(), named, strict=True):
-            tick.set_color(colours[row])
-            tick.set_fontweight("bold")
-        axes.tick_params(axis="y", length=0)
+        stances = [contact_intervals(t, of_limb) for of_limb in contact.T]
+        draw_stances(axes, stances, limbs, _BAR_HEIGHT)
+        name_limbs(axes, limbs, _MAX_NAMES, "bold")
         axes.spines["left"].set_visible(False)
-        axes.set_ylim(len(limbs) - 0.4, -0.6)
         axes.set_xlabel("time (s)", labelpad=1.5)
         self._veil = axes.axvspan(0.0, 0.0, facecolor="white", linewidth=0, zorder=3)
         self._now = axes.axvline(0.0, color="black", lw=1.1, zorder=4)

@@ -30,8 +30,8 @@ function showAbout() {
   $("keys").innerHTML = `${arrows},${playing} <kbd>e</kbd> goes to the nearest that leads elsewhere.`;
   const { gaitsweep, job, commit, engine, device } = data.provenance;
   $("provenance").textContent = `gaitsweep ${gaitsweep}; job ${job}${commit ? ", commit " + commit : ""}; ${engine}, ${device}.`;
-  if (!data.figure && data.walks.length) $("told").append(` ${data.model} defines no skeleton, so only its observables are shown.`);
-  else if (data.figure && data.figure.note) $("told").append(` ${data.figure.note}`);
+  if (!data.figure && data.walks.length) $("contents").append(` ${data.model} defines no skeleton, so only its observables are shown.`);
+  else if (data.figure && data.figure.note) $("contents").append(` ${data.figure.note}`);
 }
 
 /** Read plotly.js, which takes so long that the page shows a sketch of the map meanwhile. */
