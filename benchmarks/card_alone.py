@@ -19,7 +19,7 @@ import numpy as np
 from gaitsweep.contract import Model
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.cuda_lanes import CudaLanes
-from gaitsweep.engine.numerics import Numerics
+from gaitsweep.engine.numerics import STEP_FACTOR, Numerics
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -69,7 +69,7 @@ def rows_of(case: Case, lanes: int) -> tuple[dict[str, np.ndarray], dict[str, np
     """Parameters and starts of all lanes, (lanes,) each."""
     random = np.random.default_rng(0)
     params: dict[str, Any] = {}
-    starts: dict[str, Any] = {}
+    starts: dict[str, Any] = {STEP_FACTOR: np.ones(lanes)}
     for quantity in case.model.parameters:
         setting = quantity.default
         if quantity.name in case.ranges:

@@ -31,7 +31,7 @@ BOUNCING = BY_NAME["bouncing"]
 def test_no_model_is_wrong_in_silence(name: str) -> None:
     family = BY_NAME[name]
     verdicts = verdicts_on(family, drawn(family, 4, seed=7), {})
-    assert [verdict.said for verdict in verdicts if verdict.outcome == SILENT] == []
+    assert [verdict.message for verdict in verdicts if verdict.outcome == SILENT] == []
 
 
 @pytest.mark.slow
