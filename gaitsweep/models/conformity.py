@@ -31,8 +31,6 @@ from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 from gaitsweep.own_modules import line_of
 
-# The shape of a parameter's value.
-_SCALAR = jax.ShapeDtypeStruct((), np.float64)
 _NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 
 
@@ -135,8 +133,10 @@ def traced_fault(model: Model) -> str | None:
 
 def _trace_functions(model: Model) -> None:
     """Trace all functions of a model with shapes only; raises `_Fault` at the first violation."""
-    params = _traced_result("params", model.params, {quantity.name: _SCALAR for quantity in model.parameters})
-    start = {quantity.name: _SCALAR for quantity in model.initial_conditions}
+    params = _traced_result(
+        "params", model.params, {quantity.name: _scalar() for quantity in model.parameters}
+    )
+    start = {quantity.name: _scalar() for quantity in model.initial_conditions}
     declared = model if isinstance(model, Declared) and isinstance(model, HybridModel) else None
     if (
         declared is not None
@@ -242,6 +242,11 @@ def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
             raise _returns(name, _type_of(after), "a state, such as s.replace(...)")
 
 
+def _scalar() -> jax.ShapeDtypeStruct:
+    """The shape of one number; a function, since `check` reads this module without importing JAX."""
+    return jax.ShapeDtypeStruct((), np.float64)
+
+
 def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     """The shape of the flags of events."""
     name = "guards" if isinstance(model, HybridModel) else "events"
@@ -251,7 +256,7 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
             _require_image(state, _traced_result("image", model.image, params, state))
-        after = _traced_result("step", model.step, params, state, _SCALAR)
+        after = _traced_result("step", model.step, params, state, _scalar())
         _require_like("step", state, after)
         result = _traced_result(name, model.events, params, state, after)
     if getattr(result, "ndim", None) != 1:
@@ -364,7 +369,7 @@ def variables_without_rate(model: Model) -> tuple[str, ...]:
 
     def compute() -> list[str]:
         quantities = original.parameters, original.initial_conditions
-        shapes = [{quantity.name: _SCALAR for quantity in group} for group in quantities]
+        shapes = [{quantity.name: _scalar() for quantity in group} for group in quantities]
         known = jax.eval_shape(rates, *shapes)
         return [name for name in unheld if name not in known]
 
