@@ -77,5 +77,8 @@ def _named(path: str | Path, *folders: Path) -> Path | None:
     name = str(path)
     if not name.startswith(BUILTIN):
         return None
-    files = [folder / f"{Path(name.removeprefix(BUILTIN)).stem}.yaml" for folder in folders]
-    return next((file for file in files if file.is_file()), files[0] if files else Path(name))
+    stem = name.removeprefix(BUILTIN).removesuffix(".yaml")
+    files = [folder / f"{stem}.yaml" for folder in folders]
+    if not files or Path(stem).name != stem:  # a name has no folder
+        return Path(name)
+    return next((file for file in files if file.is_file()), files[0])

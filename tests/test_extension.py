@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import gaitsweep as gs
-from gaitsweep import extension
+from gaitsweep import extension, shipped
 from gaitsweep.extension import Extension, ExtensionError, extensions
 
 OTHER = Extension(models={"skipper": "other.model:Skipper"})
@@ -47,6 +47,16 @@ def test_a_mistyped_job_of_an_extension_is_named_with_it(installed, tmp_path: Pa
     installed(entry("other", "WITH_JOBS"))
     with pytest.raises(gs.JobError, match="builtin:skipping, which comes with the extension other"):
         gs.load_job("builtin:skiping")
+
+
+def test_a_shipped_job_is_named_as_its_file_without_the_ending(installed, tmp_path: Path) -> None:
+    (tmp_path / "skip_0.5.yaml").touch()
+    globals()["WITH_JOBS"] = Extension(jobs=tmp_path)
+    installed(entry("other", "WITH_JOBS"))
+    assert shipped.job_file("builtin:skip_0.5") == shipped.job_file("builtin:skip_0.5.yaml")
+    assert shipped.job_file("builtin:skip_0.5").is_file()
+    assert not shipped.job_file("builtin:quick_basins.v2").is_file()
+    assert not shipped.job_file("builtin:../examples/lorenz").is_file()
 
 
 @pytest.mark.parametrize(

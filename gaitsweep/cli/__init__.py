@@ -1,10 +1,11 @@
 """The command line of gaitsweep.
 
-`main.py` runs a command and turns errors into exit codes; `commands.py` has all commands or names their
-files: `run.py` (run, atlas), `fits.py` (search, sensitivity), `analyse.py`, `examples.py`, `models.py`,
-`reproduce.py`, `views.py` (animate, explore). `show.py` and `show_fits.py` format what they print,
-`options.py` has their common options, `progress.py` the bar, and `stored_output.py` what complete jobs print
-again. `gaitsweep.job.load.read_with_overrides` applies `--set`.
+`main.py` runs a command and returns the exit codes of `gaitsweep/errors.py`; `commands.py` has all commands
+or names their files: `run.py` (run, atlas), `fits.py` (search, sensitivity), `analyse.py`, `examples.py`,
+`models.py` (models, check-model, new-model, new-paper), `reproduce.py`, `views.py` (animate, explore).
+`show.py` and `show_fits.py` format what they print, `options.py` has their common options, `progress.py` the
+bar, and `stored_output.py` what complete jobs print again. `gaitsweep.job.load.read_with_overrides` applies
+`--set`.
 """
 
 from __future__ import annotations

@@ -218,12 +218,14 @@ def _profile(text: str) -> Profile:
 
 def is_uneven(model: Model) -> bool:
     """Whether the ground of a model is uneven, by the kind that it asks for or by its own steps and hills."""
+    model = model.original  # that of pushed rows too
     has_own = type(model).own_ground is not Model.own_ground
     return chooses_uneven(model) or (has_own and model.own_ground(jnp.zeros(1), jnp.zeros(1)) is not None)
 
 
 def chooses_uneven(model: Model) -> bool:
     """Whether the field `ground` of a model has another value than even."""
+    model = model.original
     return asks_for_ground(type(model)) and getattr(model, "ground", "even") != "even"
 
 
@@ -237,6 +239,7 @@ def heights_of_model(
         values: the parameters of a row by name.
         x: the places, m.
     """
+    model = model.original
     if not is_uneven(model):
         return None
     own = model.own_ground(jnp.asarray(x), jnp.zeros(len(x)))

@@ -3,7 +3,7 @@
 An impact keeps the share c = cos(2 alpha) of the rate, and the energy K = rate^2 / 2 + cos(angle) is constant
 between impacts. So the energies after impacts on slopes g_1, g_2, ... are a Markov chain,
 
-    K_n = c^2 (K_{n-1} - cos(g_n + alpha)) + cos(g_n - alpha),
+    K_n = c^2 (K_{n-1} - cos(g_n + alpha)) + cos(g_n - alpha).
 
 Where a spoke lands before the vertical (g_n < alpha), the wheel falls back as soon as K_n < 1, since it does
 not reach the vertical; a spoke that lands beyond it (g_n > alpha) rolls on. On even ground the wheel settles.

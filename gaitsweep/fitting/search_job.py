@@ -369,6 +369,8 @@ def _sets_of(
     if not {"score", "generation"} <= set(table):
         raise TableError(f"{entry} is not the result of a search: its table has no score.")
     constants = [name for name in search.free if name in table]
+    if not constants:
+        raise TableError(f"{entry} is a search of other constants: it has none of {', '.join(search.free)}.")
     best = table.sort_values("score", kind="stable").drop_duplicates(constants)
     for _, row in best.head(search.options.known_best).iterrows():
         values = {name: search.free[name].written([row[name]])[0] for name in constants}
@@ -392,7 +394,7 @@ def _read_targets(
         measure_fields = {key: field for key, field in fields.items() if key not in value_fields}
         measure = read_measure(measure_fields, target_path, wrong, beside=TargetValue)
         if not name.isidentifier():
-            text = "has a name that is not of letters, digits and _: take another."
+            text = "has a name that is not of letters, digits and _ after a letter: take another."
             wrong.append(Diagnostic(target_path, text))
         elif name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half"):
             text = "has the name of another column of the table: take another."

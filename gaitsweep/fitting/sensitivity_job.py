@@ -212,8 +212,10 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
     outputs = {}
     for name, fields in by_name(value, "measures by name", path, wrong):
         output_path = (*path, name)
-        if name in columns or not name.isidentifier():
-            text = "names a column of the table: take another name of letters, digits and _."
+        if name in columns:
+            wrong.append(Diagnostic(output_path, "names a column of the table: take another name."))
+        elif not name.isidentifier():
+            text = "is not a name of letters, digits and _, which begins with a letter."
             wrong.append(Diagnostic(output_path, text))
         if (measure := read_measure(fields, output_path, wrong)) is not None:
             outputs[name] = measure

@@ -153,7 +153,8 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
     """Return the numerics of a job that leaves the method open, with rodas5p if some row is stiff.
 
     A flow is stiff if some motion decays more than `STIFF` times in a nominal period, at the start of one of
-    `MAX_STIFFNESS_ROWS` evenly spaced rows. A method that the model recommends is kept.
+    `MAX_STIFFNESS_ROWS` evenly spaced rows, with the least, the middle and the largest value of a parameter
+    that the run moves. A method that the model recommends is kept.
 
     Args:
         design, run: the job's rows and their run kind.
@@ -166,8 +167,8 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
         return numerics
     count = min(design.n_rows, MAX_STIFFNESS_ROWS)
     values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
-    places = list(run.places())
-    for place in places[:: max(1, (len(places) - 1) // 2)]:  # both ends and the middle of a path
+    places = sorted(run.places(), key=lambda place: list(place.values()))
+    for place in places[:: max(1, (len(places) - 1) // 2)]:
         placed = {**values, **{name: np.full(count, at) for name, at in place.items()}}
         placed = resolve(design.following(*place), placed, functions_of(np))
         if decay_per_period(model, placed, starts) > STIFF:

@@ -114,8 +114,9 @@ class Atlas(FollowsFixedPoints):
             were_not = "1 branch was" if left_out == 1 else f"{left_out} branches were"
             sentences.append(f"{were_not} not followed: run.branches is {self.branches}.")
         if stopped := np.count_nonzero(on_branches["end"].astype(str) == "most"):
-            text = f"Branches ended at {stopped} places after run.most, {self.most} points"
-            sentences.append(f"{text}: raise it, or run.longest.")
+            places = f"{stopped} place{'s' * (int(stopped) != 1)}"
+            text = f"Branches ended at {places} after run.most, {self.most} points: raise it, or run.longest."
+            sentences.append(text)
         curves = table.iloc[np.flatnonzero(~branch & (table["part"] != "").to_numpy(bool))]
         return [*sentences, *(self._curves_found(curves, second) for second in self.second)]
 
@@ -130,13 +131,13 @@ class Atlas(FollowsFixedPoints):
         rows = f", in {len(of_rows)} rows" if len(of_rows) > 1 else ""
         text = f"At {self.parameter} = {self.place:g}{rows}: {'; '.join(counts) or 'no gait'}"
         missing = np.sum(of_rows["missing"].to_numpy(float))
-        return f"{text}; an estimate of {missing:.0f} more were not found." if missing >= 0.5 else f"{text}."
+        return f"{text}; the estimated number of others is {missing:.0f}." if missing >= 0.5 else f"{text}."
 
     def _curves_found(self, curves: pd.DataFrame, second: str) -> str:
         """A sentence with the numbers of curves over a second parameter, and the points marked on them."""
         orders = curves.iloc[np.flatnonzero(curves["part"].isin(["order_change", "corner"]).to_numpy(bool))]
         total, of_order = (part.groupby(["row", "number"]).ngroups for part in (curves, orders))
-        text = f"{total - of_order} curves of bifurcations"
+        text = f"{total - of_order} curve{'s' * (total - of_order != 1)} of bifurcations"
         text += f" and {of_order} of the order of events" if of_order else ""
         unnamed = np.isin(curves["special"].astype(str).to_numpy(str), ["", "nan", "kink"])
         points = curves.iloc[np.flatnonzero(~unnamed)]

@@ -19,9 +19,11 @@ from gaitsweep.plot.column_labels import described, written
 from gaitsweep.plot.columns import PlotError, by_value, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 
-# A jump is this large (a share of the period), and as many times larger than the changes beside it.
+# A jump is this large (a share of the period), and as many times larger than the changes beside it; or it is
+# larger than half a period, which a continuous shift between -1/2 and 1/2 exceeds only where it wraps.
 LEAST_JUMP = 0.1
 STEEPER = 4.0
+WRAPPED = 0.5
 _BESIDE = 3  # changes on each side of one, to which it is compared
 
 
@@ -36,7 +38,7 @@ def phase_response(
 ) -> Figure:
     """The phase shift that stays over the phase of the push, one line for each amount.
 
-    Lines are interrupted where rows do not return to their gait.
+    Lines are interrupted where rows do not return to their gait, and where a phase shift jumps.
 
     Args:
         table: a table of pushed rows, or that of `PoincareMap.phase_response` with its `response_NAME` as y.
@@ -94,11 +96,11 @@ def _jumps(shift: Float[np.ndarray, " pushes"]) -> Bool[np.ndarray, " gaps"]:
     """Whether a phase shift jumps between pushes that follow each other.
 
     A shift jumps from half a period ahead to half a period behind, and where a gait of several alike
-    crossings returns to another of them: by a change that is far larger than those beside it.
+    crossings returns to another of them: by a change far larger than those beside it, or above half a period.
     """
     change = np.abs(np.diff(shift))
     beside = [
         np.r_[change[max(k - _BESIDE, 0) : k], change[k + 1 : k + 1 + _BESIDE]] for k in range(change.size)
     ]
     usual = np.array([np.nanmedian(near) if np.isfinite(near).any() else np.inf for near in beside])
-    return (change > 0.5) | ((change > LEAST_JUMP) & (change > STEEPER * usual))
+    return (change > WRAPPED) | ((change > LEAST_JUMP) & (change > STEEPER * usual))

@@ -40,8 +40,8 @@ def compute_blocks(
         write: called with each block.
         on_progress: progress callback; an exception that it raises stops the run.
         timings: updated during the run.
-        open_rows: stores the ended rows of incomplete blocks. The rows of a block that its run kind makes
-            itself end together, so a kill loses at most one such block.
+        open_rows: stores the ended rows of incomplete blocks. It is not used for a `TableRunKind`, whose
+            rows of a block end together: a kill loses at most one such block.
     """
     timings = Timings() if timings is None else timings
     if isinstance(kind := context.job.run, TableRunKind):

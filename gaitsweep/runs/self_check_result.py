@@ -114,7 +114,7 @@ class SelfCheck:
         change: Float[np.ndarray, "rows quantities"],
         size: Float[np.ndarray, " ..."],
     ) -> None:
-        """Update the largest changes from changes (n, quantities), where known; `size` has the same shape."""
+        """Update the largest changes from changes (n, quantities), where known; `size` broadcasts to them."""
         size = np.broadcast_to(size, change.shape)
         # an unchanged value has the share 0 even if its size is 0, as the interval of crossings at one
         # instant
@@ -142,7 +142,7 @@ FINER = 1.0 / math.sqrt(7.0)
 # The largest share of a run's work that its sample takes, and its fewest rows, if a job gives no number.
 MOST_WORK = 0.1
 LEAST_ROWS = 4
-# Crossings over which rows are compared that do not come to rest, and those of kinds that do not ask for it.
+# Crossings compared of rows that do not settle, and of run kinds that do not settle rows.
 CROSSINGS = 10
 
 
@@ -176,7 +176,7 @@ def rows_to_repeat(context: RunContext) -> int:
 
 
 def sample_rows(design: Design, count: int) -> Int[np.ndarray, " sampled"]:
-    """Select representative rows (n,): both ends of each axis, and points that fill the grid evenly.
+    """Select representative rows (n,): both ends of axes, as far as `count` allows, and evenly spread points.
 
     Args:
         design: the job's rows.

@@ -38,7 +38,7 @@ def _by_cholesky(values: dict[str, Any], matrix: Any) -> Any:
 
 
 @pytest.mark.parametrize("function", [_of_one, _by_cholesky])
-@pytest.mark.parametrize("rows", [1, 7, 23])
+@pytest.mark.parametrize("rows", [0, 1, 7, 23])
 @pytest.mark.parametrize("all_rows", [False, True])
 def test_functions_of_rows_agree_with_jax(
     function: Any, rows: int, all_rows: bool, monkeypatch: pytest.MonkeyPatch

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.pushed_model import PushedModel
 from gaitsweep.engine.recorders.perturb import PerturbRecorder
@@ -521,3 +522,14 @@ def test_tables_whose_rows_cannot_be_pushed_are_refused(
     job_fields = {name: fields[name] for name in ("model", "params", "vary", "start") if name in fields}
     with pytest.raises(JobError, match=says):
         Job(name="x", **{"model": "gaitsweep.examples.hopper:Hopper", **job_fields}, run=run)
+
+
+def test_the_ground_of_pushed_rows_is_that_of_their_model() -> None:
+    class Hilly(Wheel):
+        def own_ground(self, x: Any, y: Any) -> Any:
+            return 0.1 * jnp.sin(x)
+
+    places = np.array([0.0, 0.5])
+    np.testing.assert_allclose(
+        heights_of_model(PushedModel(Hilly(), ("rate",)), {}, places), 0.1 * np.sin(places)
+    )

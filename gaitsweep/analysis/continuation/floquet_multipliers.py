@@ -25,7 +25,8 @@ def multipliers(
     """The Floquet multipliers, in descending order of modulus.
 
     Args:
-        jacobian: of the map at its n fixed points, (n, size, size), or at one, (size, size).
+        jacobian: of the map at its n fixed points, (n, size, size), or without `gradients` at one,
+            (size, size).
         gradients: of constrained quantities, (n, k, size): the multipliers are then those of the map
             restricted to their level set, and k fewer.
 
@@ -41,7 +42,13 @@ def multipliers(
 
 
 def critical_multiplier(factors: Complex[np.ndarray, " multipliers"], kind: str) -> complex:
-    """The multiplier on the unit circle at a bifurcation of this kind, from all of them."""
+    """The multiplier on the unit circle at a bifurcation, from all of them.
+
+    Args:
+        factors: the multipliers.
+        kind: flip, neimark_sacker (the complex one nearest to the circle, or 1 if all are real), or another,
+            whose multiplier is 1.
+    """
     if kind == "flip":
         return -1.0
     if kind != "neimark_sacker":

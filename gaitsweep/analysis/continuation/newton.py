@@ -32,7 +32,8 @@ from gaitsweep.status import ResultCode
 Unknowns = Float[np.ndarray, "points unknowns"]  # coordinates and drifts
 Drifts = Float[np.ndarray, "points constrained"]
 Searches = Int[np.ndarray, " searches"]  # numbers of searches
-# Most halvings of a step that leaves the domain of the map or raises the residual, by default.
+# Most halvings of a step that leaves the domain of the map, or multiplies the residual by `PATIENCE` or more,
+# by default.
 HALVINGS = 6
 # Condition number of the scaled Jacobian from which Newton's equations count as singular.
 SINGULAR = 1e11
@@ -178,7 +179,8 @@ def newton(
         fix: names of conserved quantities to constrain to their values at the start, or values by name.
         tolerance: relative tolerance on the residual.
         most: largest number of Newton steps.
-        halvings: most halvings of a step that leaves the domain of the map or raises the residual.
+        halvings: most halvings of a step that leaves the domain of the map or multiplies the residual by
+            `PATIENCE`.
 
     Raises:
         ArgumentError: `fix` names a quantity that the map does not conserve.
@@ -221,7 +223,7 @@ class _Search:
         self._mark_converged()
 
     def step(self, rows: Searches) -> None:
-        """One Newton step of the searches `rows`, each shortened until the map is defined at its end."""
+        """One Newton step of the searches `rows`, each shortened until it is accepted (`_accept`)."""
         self.iterations[rows] += 1
         step, _ = self._next_steps(rows)
         for halvings in range(self.halvings + 1):
@@ -256,7 +258,7 @@ class _Search:
     def _accept(
         self, rows: Searches, step: Float[np.ndarray, "searches unknowns"], last: bool
     ) -> Bool[np.ndarray, " searches"]:
-        """Take the steps after which the residual is lower; the last ones wherever the map is defined.
+        """Take steps that multiply the residual by less than `PATIENCE`; the last where the map is defined.
 
         Returns:
             The mask of accepted steps.

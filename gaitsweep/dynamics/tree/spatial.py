@@ -54,7 +54,10 @@ def symmetric(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
 
 @dataclasses.dataclass(frozen=True)
 class MotionVector:
-    """A spatial velocity or (classical) acceleration: `angular` (rad/s, rad/s2), `linear` of the point."""
+    """A spatial velocity or (classical) acceleration.
+
+    `angular` is in rad/s or rad/s2, `linear`, of the point, in m/s or m/s2.
+    """
 
     angular: Float[Array, " 3"]
     linear: Float[Array, " 3"]
@@ -66,7 +69,7 @@ class MotionVector:
         return MotionVector(self.angular * rate, self.linear * rate)
 
     def dot(self, force: ForceVector) -> Scalar:
-        """The power of a force on this motion."""
+        """The scalar product with a force: its power (W), if this is a velocity."""
         return self.angular @ force.couple + self.linear @ force.linear
 
     def shifted(self, r: Float[Array, " 3"]) -> MotionVector:
@@ -107,7 +110,7 @@ class ForceVector:
 class Inertia:
     """A spatial inertia [[I, H], [H^T, M]], rigid or articulated (sec. 2.13, 7.1), blocks (3, 3).
 
-    `I` (kg m2) and `M` (kg) are symmetric; for a rigid body H = m c x and M = m 1.
+    `I` (kg m2) and `M` (kg) are symmetric, `H` is in kg m; for a rigid body H = m c x and M = m 1.
     """
 
     I: Float[Array, "3 3"]  # noqa: E741 - the book's name

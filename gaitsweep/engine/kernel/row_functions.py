@@ -7,6 +7,7 @@ machine. Results may differ from those of XLA in the last place.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -158,7 +159,11 @@ def _by_kernel(kernel: Any, arrays: Any, results: Any) -> Callable[..., Any]:
 
 def _columns(trees: Any) -> list[np.ndarray]:
     """A column (rows,) for each number of a row."""
-    return [column for leaf in _leaves(trees) for column in np.reshape(leaf, (len(leaf), -1)).T]
+    return [
+        column
+        for leaf in _leaves(trees)
+        for column in np.reshape(leaf, (len(leaf), math.prod(leaf.shape[1:]))).T
+    ]
 
 
 def _arrays(numbers: Float[np.ndarray, "rows numbers"], arrays: Any, results: Any) -> Any:

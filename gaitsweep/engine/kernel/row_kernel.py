@@ -58,7 +58,7 @@ def running(kernel: RowKernel) -> Callable[[Columns], Float[np.ndarray, "rows ou
         room[: kernel.inputs, :rows] = columns
         tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
         run(tiled.ctypes.data, tiles)
-        return tiled[:, kernel.inputs :].transpose(0, 2, 1).reshape(tiles * TILE, -1)[:rows]
+        return tiled[:, kernel.inputs :].transpose(0, 2, 1).reshape(tiles * TILE, kernel.outputs)[:rows]
 
     return of_rows
 

@@ -176,7 +176,7 @@ def derivative_refusal(name: str, model: Model) -> str | None:
     Raises:
         ArgumentError: the method needs a flow, but the model has only steps.
     """
-    if is_uneven(model.original):
+    if is_uneven(model):
         return (
             "the ground differs from place to place, so no step repeats another. Use even ground, or runs of "
             "kind fixed_time and return_map."

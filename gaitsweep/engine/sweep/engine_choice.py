@@ -109,8 +109,8 @@ def polls_per_chunk(spec: SweepSpec) -> int:
 def default_lanes(engine: EngineName, n_rows: int, platform: str) -> int:
     """The default number of lanes on each device.
 
-    XLA on a CPU reaches its full rate at about 256 lanes, and an attempt on a GPU costs about the same for 1
-    lane and for 16 384. With fewer lanes than rows, lanes are refilled and devices end almost together.
+    Enough that a device reaches its full rate (`python -m benchmarks.engines`). With fewer lanes than rows,
+    lanes are refilled and devices end almost together.
 
     Args:
         engine: xla or kernel.

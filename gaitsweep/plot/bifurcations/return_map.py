@@ -39,8 +39,8 @@ def return_map(
     panels: Panels = None,
     form: Annotated[
         Annotated[Form, Word()] | None,
-        "change: y's change over y; next: the next y over y; by default next, but change where all points "
-        "lie near the diagonal",
+        "change: y's change over y; next: the next y over y; by default next, but change where nearly "
+        "all points (98 %) lie near the diagonal",
     ] = None,
     bandwidth: Bandwidth = None,
     title: Title = None,
@@ -56,6 +56,7 @@ def return_map(
 
     Raises:
         PlotError: the table lacks a column, or the form is unknown.
+        AnalysisError: the bandwidth is not above 0.
     """
     if form not in (None, *FORMS):
         raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")
@@ -92,7 +93,7 @@ def _label(table: pd.DataFrame, name: str, form: Form) -> str:
 
 
 def _near_the_diagonal(table: pd.DataFrame, name: str) -> bool:
-    """Whether all changes are small beside the range of the values."""
+    """Whether nearly all changes (`_MOST`) are small beside the range of the values."""
     steps = pairs(table, name)
     if not len(steps):
         return True

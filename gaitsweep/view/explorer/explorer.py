@@ -100,6 +100,8 @@ def write_explorer(
     room = _room(script, limit)
     context = prepare(job)
     table = _labelled(table, context)
+    if not len(table):
+        raise ArgumentError("The atlas found no gait, so there is nothing to explore.")
     varied = context.design.names
     shown = map_of(table, job, x, y, _most_records(table, varied, _TABLE_SHARE * room))
     fields = _table_fields(shown, varied, table.attrs)

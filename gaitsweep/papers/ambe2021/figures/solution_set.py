@@ -40,8 +40,6 @@ from gaitsweep.plot import (
 )
 from gaitsweep.status import Outcome
 
-InPlane = Float[np.ndarray, "points 2"]
-
 _ThreeEntries = Field(min_length=3, max_length=3)
 _NAME_DISTANCE = 11.0  # points from a marked point to its name
 _PSI = ("psi_1", "psi_2", "psi_3")

@@ -25,9 +25,10 @@ class Conditions(NamedTuple):
     """Margins of the conditions of one wave; a condition is satisfied if its margin is above 0.
 
     `takeoff` has, of each leg in takeoff at the touchdown of its neighbour, the distance of t from the nearer
-    end of the takeoff segment, as a share of the segment; `load` the loads on these legs, divided by an inner
-    leg's mean weight; `landing` is the remaining share of the landing segment at touchdown, a scalar above 0
-    if m g/kappa < a for the mass that determines it.
+    end of the takeoff segment, as a share of the segment: (N - 1,), or (N,) of a wave along the whole chain,
+    whose last one is that of the neighbour of an end. `load` (N - 1,) has the loads on the first N - 1 of
+    these legs, divided by an inner leg's mean weight; `landing` is the remaining share of the landing segment
+    at touchdown, a scalar above 0 if m g/kappa < a for the mass that determines it.
     """
 
     takeoff: jax.Array
@@ -60,7 +61,7 @@ def wave_conditions(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
 
 
 def source_conditions(N: int, chain: Chain, k: int) -> Conditions:
-    """The conditions of the source wave with the boundary leg k, set B.
+    """The conditions of the source wave with the boundary leg k, of the solution set B (`solution_sets.py`).
 
     Legs 2 .. k-1 touch down as in a direct wave, legs k .. N as in a retrograde one. If all neighbours in
     takeoff are ends, as for N = 3 and k = 3, one spring lifts them instead of two.

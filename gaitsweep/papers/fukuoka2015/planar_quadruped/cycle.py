@@ -3,8 +3,8 @@
 A leg's cycle is from one swing onset to the next: u_f crosses 0 upwards after `MIN_SILENCE` or more below it;
 shorter breaks of activity belong to one swing. A leg touches down where its foot bears load after
 `MIN_AIR_TIME` or more in the air; shorter breaks of contact belong to one stance. Where it does so twice in a
-cycle, or not at all, it has no phase by touchdowns. Late stance is the last part of the cycle, of the share
-`LATE_STANCE`, if the cycle is as long as the one before it: so no history of loads has to be stored.
+cycle, or not at all, it has no phase by touchdowns. Late stance is the stance in the last share `LATE_STANCE`
+of a cycle, whose length is taken to be that of the cycle before it: so no history of loads has to be stored.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Average:
         return self._per_weight() * jnp.sqrt(squared)
 
     def shifts(self) -> jax.Array:
-        """Mean shifts (2, 3), cycles in [-0.5, 0.5)."""
+        """Mean shifts (2, 3), cycles from -0.5 to 0.5."""
         return jnp.arctan2(self.sines, self.cosines) / TWO_PI
 
     def variation(self) -> jax.Array:
