@@ -62,20 +62,14 @@ def fastest_rates(
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
     """The fastest rate (1/s) of the flow at the starts of rows, and their nominal periods (s), (rows,) each.
 
-    A rate is NaN where a derivative of the flow is infinite or NaN. Equal rows are computed once.
+    A rate is NaN where a derivative of the flow is infinite or NaN.
 
     Args:
         model: the model.
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
-    table = np.stack([*values.values(), *starts.values()], axis=1)
-    _, firsts, place_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
-    values, starts = (
-        {name: np.asarray(column)[firsts] for name, column in group.items()} for group in (values, starts)
-    )
     eigenvalues, periods = _eigenvalues_of_rows(model, values, starts)
-    fastest = np.max(np.abs(eigenvalues), axis=(1, 2), initial=0.0)
-    return fastest[place_of.ravel()], periods[place_of.ravel()]
+    return np.max(np.abs(eigenvalues), axis=(1, 2), initial=0.0), periods
 
 
 def _combinations(model: HybridModel) -> Bool[np.ndarray, "modes flags"]:
@@ -89,23 +83,26 @@ def _eigenvalues_of_rows(
 ) -> tuple[Complex[np.ndarray, "rows modes fields"], Float[np.ndarray, " rows"]]:
     """The eigenvalues (1/s) of rows for all combinations of flags, NaN where unknown, and the periods (s)."""
     modes = _combinations(model)
-    rows = len(next(iter(values.values())))  # every model has a parameter
+    table = np.stack([*values.values(), *starts.values()], axis=1)
+    # equal rows are computed once
+    _, firsts, place_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
     # the matrices of all combinations of flags are in memory, with all that they are computed from
     at_a_time = max(1, _MODES_AT_A_TIME // len(modes))
     parts = []
-    for first in range(0, rows, at_a_time):
-        count = min(at_a_time, rows - first)
+    for first in range(0, len(firsts), at_a_time):
+        rows = firsts[first : first + at_a_time]
         columns = [
-            {name: np.repeat(column[first : first + count], len(modes)) for name, column in group.items()}
+            {name: np.repeat(column[rows], len(modes)) for name, column in group.items()}
             for group in (values, starts)
         ]
-        matrices, periods = _matrices_of_rows(model)(*columns, np.tile(modes, (count, 1)))
+        matrices, periods = _matrices_of_rows(model)(*columns, np.tile(modes, (len(rows), 1)))
         finite = np.all(np.isfinite(matrices), axis=(1, 2))
         eigenvalues = np.full(matrices.shape[:2], np.nan, complex)
         eigenvalues[finite] = np.linalg.eigvals(matrices[finite])
-        parts.append((eigenvalues.reshape(count, len(modes), -1), periods[:: len(modes)]))
+        parts.append((eigenvalues.reshape(len(rows), len(modes), -1), periods[:: len(modes)]))
     eigenvalues, periods = zip(*parts, strict=True)
-    return np.concatenate(eigenvalues), np.concatenate(periods)
+    of_row = place_of.ravel()
+    return np.concatenate(eigenvalues)[of_row], np.concatenate(periods)[of_row]
 
 
 @cached_by_content(maxsize=64)

@@ -185,8 +185,10 @@ def status_sentence(status: str, job: Mapping[str, Any], manifest: Mapping[str, 
     run = job.get("run", {})
     periods = manifest.get("periods")
     if status == Status.settled.name and periods:
-        places = {period: f"on an orbit of {period} crossings" for period in periods} | _AT
-        orbits = [f"{rows} {places[period]}" for period, rows in periods.items()]
+        orbits = [
+            f"{rows} {_AT.get(period, f'on an orbit of {period} crossings')}"
+            for period, rows in periods.items()
+        ]
         return f"The state at the section repeats: {', '.join(orbits)}."
     sentence = Status[status].sentence if status in Status.__members__ else ""
     if status == Status.fell.name:
