@@ -53,7 +53,8 @@ def decay_per_period(
         values, starts: the parameters and the initial conditions of the rows, (n,) each.
     """
     eigenvalues, periods = _eigenvalues_of_rows(model, values, starts)
-    rates = -np.real(eigenvalues) * periods[:, None, None]
+    finite = np.isfinite(periods)
+    rates = -np.real(eigenvalues[finite]) * periods[finite, None, None]
     return float(np.max(rates, initial=0.0, where=np.isfinite(rates)))
 
 
