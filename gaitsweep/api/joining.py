@@ -16,6 +16,7 @@ from gaitsweep.status import Outcome
 from gaitsweep.table.manifest import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
+_FIELDWISE = (*_CONSTANTS, "run", "numerics")  # the parts of which a joined table keeps the fields in common
 Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
 
 
@@ -54,9 +55,10 @@ def concat(*tables: Tables) -> pd.DataFrame:
         _require_alike(jobs)
         _require_different_rows(frames)
         frames = _with_differing_constants(frames, jobs)
-    frames = _with_rows_numbered_on(frames)
+    attrs = _joined_attrs([frame.attrs for frame in frames])
+    frames, parts = _with_rows_numbered_on(frames)
     joined = pd.concat(same_categories(*frames), ignore_index=True)
-    joined.attrs = _joined_attrs([frame.attrs for frame in frames])
+    joined.attrs = attrs and attrs | {"joined": parts}
     return joined
 
 
@@ -149,6 +151,22 @@ def _require_alike(jobs: Sequence[Mapping[str, Any]]) -> None:
         raise ArgumentError("Tables of atlases cannot be joined: their branches have numbers of their own.")
 
 
+def _parts(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """The jobs of a table's rows.
+
+    Returns:
+        For each job its hash, the range of the table's rows that are of it, and `shift`, the difference
+        between these numbers and those of the job. Rows of a table without a hash have no part.
+    """
+    if "joined" in frame.attrs:
+        return frame.attrs["joined"]
+    job_hash = (frame.attrs.get("manifest") or {}).get("job_hash")
+    if job_hash is None or "row" not in frame.columns or not len(frame):
+        return []
+    rows = frame["row"].to_numpy()
+    return [{"job_hash": job_hash, "first": int(rows.min()), "last": int(rows.max()), "shift": 0}]
+
+
 def _require_different_rows(frames: Sequence[pd.DataFrame]) -> None:
     """Refuse tables that share rows of one job, which are the same simulations.
 
@@ -157,20 +175,28 @@ def _require_different_rows(frames: Sequence[pd.DataFrame]) -> None:
     """
     rows_of: dict[str, list[tuple[int, Int[np.ndarray, " rows"]]]] = {}
     for number, frame in enumerate(frames, 1):
-        job_hash = (frame.attrs.get("manifest") or {}).get("job_hash")
-        if job_hash is None or "row" not in frame.columns:
-            continue
-        rows = np.unique(frame["row"].to_numpy(np.int64))
-        for other, other_rows in rows_of.setdefault(job_hash, []):
-            repeated = np.intersect1d(rows, other_rows, assume_unique=True)
-            if repeated.size:
-                count = f"{repeated.size} row{'s' * (repeated.size != 1)}"
-                raise ArgumentError(
-                    f"Tables {other} and {number} both have {count} of the same job, such as row "
-                    f"{repeated[0]}, which would count twice. Give each row once: "
-                    "table[~table['row'].isin(other['row'])] has those that the other table lacks."
-                )
-        rows_of[job_hash].append((number, rows))
+        for part in _parts(frame):
+            rows = np.unique(frame["row"].to_numpy(np.int64))
+            rows = rows[(rows >= part["first"]) & (rows <= part["last"])] - part["shift"]
+            for other, other_rows in rows_of.setdefault(part["job_hash"], []):
+                repeated = np.intersect1d(rows, other_rows, assume_unique=True)
+                if repeated.size:
+                    raise ArgumentError(_repeated_rows(repeated, other, number, frames))
+            rows_of[part["job_hash"]].append((number, rows))
+
+
+def _repeated_rows(
+    repeated: Int[np.ndarray, " repeated"], other: int, number: int, frames: Sequence[pd.DataFrame]
+) -> str:
+    """Name the rows of one job that two tables share, and how to select the others."""
+    count = f"{repeated.size} row{'s' * (repeated.size != 1)}"
+    text = f"Tables {other} and {number} both have {count} of the same job, such as row {repeated[0]}"
+    if any("joined" in frames[index - 1].attrs for index in (other, number)):
+        return f"{text} of that job, which would count twice. Join the results themselves, each once."
+    return (
+        f"{text}, which would count twice. Give each row once: "
+        "table[~table['row'].isin(other['row'])] has those that the other table lacks."
+    )
 
 
 def _with_differing_constants(
@@ -225,18 +251,21 @@ def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> A
     return evaluate(value, values)
 
 
-def _with_rows_numbered_on(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
-    """The tables with row numbers that follow those of the table before, so that rows stay apart."""
-    numbered = []
+def _with_rows_numbered_on(frames: Sequence[pd.DataFrame]) -> tuple[list[pd.DataFrame], list[dict[str, Any]]]:
+    """The tables with row numbers that follow those of the table before, and the parts of all their rows."""
+    numbered, parts = [], []
     first = 0
     for frame in frames:
         if "row" in frame.columns and len(frame):
-            attrs = frame.attrs
-            frame = frame.assign(row=frame["row"] - frame["row"].to_numpy().min() + first) if first else frame
-            frame.attrs = attrs
+            shift = first - int(frame["row"].to_numpy().min()) if first else 0
+            parts += [
+                part | {name: part[name] + shift for name in ("first", "last", "shift")}
+                for part in _parts(frame)
+            ]
+            frame = frame.assign(row=frame["row"] + shift) if shift else frame
             first = int(frame["row"].to_numpy().max()) + 1
         numbered.append(frame)
-    return numbered
+    return numbered, parts
 
 
 def _joined_attrs(attrs: Sequence[Mapping[Any, Any]]) -> dict[Any, Any]:
@@ -254,14 +283,12 @@ def _joined_attrs(attrs: Sequence[Mapping[Any, Any]]) -> dict[Any, Any]:
     if not quantities and not any("job" in of_table for of_table in attrs):
         return {}
     jobs = [of_table.get("job") or {} for of_table in attrs]
-    job = {**jobs[0], "run": _common([of_job.get("run") or {} for of_job in jobs])}
-    job |= {part: _common([of_job.get(part) or {} for of_job in jobs]) for part in _CONSTANTS}
+    job = _common(jobs) | {part: _common([of_job.get(part) or {} for of_job in jobs]) for part in _FIELDWISE}
     manifests = [of_table.get("manifest") or {} for of_table in attrs]
     checks = [manifest["self_check"] for manifest in manifests if manifest.get("self_check")]
     missing = [of_table.get("rows_missing", 0) for of_table in attrs]
     return {
         "job": job,
-        "joined": len(attrs),  # whose rows no single job makes again
         "manifest": {
             "rows": sum(manifest.get("rows", 0) for manifest in manifests),
             # a figure says that one of them warned

@@ -120,8 +120,8 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
     """
     if "joined" in attrs:
         raise ArgumentError(
-            f"This table is joined of {attrs['joined']} results by gs.concat, so no single job makes its "
-            "rows again: use one of the results."
+            "This table is joined of several results by gs.concat, so no single job makes its rows again: "
+            "use one of the results."
         )
     fields = job_fields(attrs)
     try:

@@ -40,7 +40,7 @@ def test_joined_results_keep_units_gaits_and_the_constants_in_which_they_differ(
     thrice = gs.concat(joined, _table(["walk"], mass=2.0))
     assert thrice["mass"].tolist() == [1.0, 1.0, 3.0, 3.0, 2.0]
     assert thrice["row"].is_unique
-    with pytest.raises(gs.ArgumentError, match=r"joined of 2 results.*use one of the results"):
+    with pytest.raises(gs.ArgumentError, match=r"joined of several results.*use one of the results"):
         stored_job(joined.attrs)  # rows of no single job cannot be simulated again
 
 
@@ -84,7 +84,26 @@ def test_rows_of_one_job_are_joined_once() -> None:
     assert joined["gait"].tolist() == ["trot", "walk", "trot"]
     other = _table(["walk"], mass=2.0)
     other.attrs["manifest"]["job_hash"] = "b"
-    assert len(gs.concat([table, other])) == 4
+    both = gs.concat([other, table])
+    assert len(both) == 4
+    # of a joined table too: row 1 of the first job, and the one row of the other
+    with pytest.raises(gs.ArgumentError, match=r"Tables 1 and 2 both have 1 row .* row 1 of that job"):
+        gs.concat(gs.concat(both, _table(["run"])), table[table["row"] == 1])
+    with pytest.raises(gs.ArgumentError, match=r"Tables 1 and 2 both have 1 row .* row 0 of that job"):
+        gs.concat(other, both)
+    # of a selection of a joined table, the rows that were left out may be joined
+    assert len(gs.concat(both[both["mass"] == 1.0], other)) == 4
+    assert len(gs.concat(both[both["row"] != 2], table[table["row"] == 1])) == 4
+
+
+def test_fields_of_the_job_that_differ_are_left_out_of_a_joined_table() -> None:
+    one, other = _table(["trot"]), _table(["trot"], mass=2.0)
+    one.attrs["job"] |= {"name": "one", "numerics": {"dt": 0.01, "method": "rk4"}, "vary": {"x_0": [0.0]}}
+    other.attrs["job"] |= {"name": "two", "numerics": {"dt": 0.02, "method": "rk4"}, "vary": {"x_0": [0.0]}}
+    job = gs.concat(one, other).attrs["job"]
+    assert job["numerics"] == {"method": "rk4"}
+    assert job["vary"] == {"x_0": [0.0]}
+    assert "name" not in job
 
 
 def test_constants_that_cannot_be_filled_in_are_refused() -> None:
