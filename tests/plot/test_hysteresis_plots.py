@@ -80,6 +80,20 @@ def test_arrows_are_drawn_along_rows_on_branches_only() -> None:
     assert all(text.endswith("1 of 2 rows") for text in legend_texts(strip))
 
 
+def test_a_pass_after_an_irregular_one_keeps_its_direction() -> None:
+    """Pass 1 is on no branch and is not drawn; pass 2 rises, from a value below the last one of pass 0."""
+    table = staircase_table()
+    again = table[(table["pass"] == 0) & (table["f"] < 0.5)].copy()
+    again[["pass", "stair"]] = np.column_stack([np.full(len(again), 2), again["stair"] + len(table)])
+    table = pd.concat([table, again], ignore_index=True)
+    irregular = table["pass"] == 1
+    table.loc[irregular, "delta_13_n"] = np.where(np.arange(np.sum(irregular)) % 2, 4.5, 5.5)
+    axes = plot.hysteresis(table, y="delta_13").axes[0]
+    lines = [line for line in axes.lines if line.get_marker() == "None" and np.size(line.get_xdata())]
+    assert {line.get_color() for line in lines} == {UP}
+    assert not any(np.diff(np.asarray(line.get_xdata())).min() < 0.0 for line in lines)
+
+
 def test_irregular_rows_have_their_own_panel_and_ticks() -> None:
     """A row that is irregular about zero has a panel of its own, so that the branches fill theirs."""
     table = staircase_table(4, hold=40)

@@ -260,7 +260,11 @@ def draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, 
 def _colour_of(records: pd.DataFrame, x: str, number: int) -> str:
     """The colour of a pass, by whether x rises along most of its rows; else by its number."""
     first, last = (records.groupby("row")[x].nth(end).to_numpy(float) for end in (0, -1))
-    change = float(np.median(last - first))
+    return _direction(float(np.median(last - first)), number)
+
+
+def _direction(change: float, number: int) -> str:
+    """The colour of a pass with this change of x; by its number where x does not change."""
     rises = change > 0.0 if change else number % 2 == 0
     return UP if rises else DOWN
 
@@ -302,8 +306,11 @@ def _draw_row(
     passes = []
     for number in np.unique(pass_numbers):
         of_pass = np.flatnonzero(pass_numbers == number)
-        line = np.arange(max(of_pass[0] - 1, 0), of_pass[-1] + 1)  # from the turning point on
-        colour, marker = (UP, "^") if at[line[-1]] >= at[line[0]] else (DOWN, "v")
+        before = of_pass[0] - 1
+        turning = before >= 0 and pass_numbers[before] == number - 1  # False after a pass that is not drawn
+        line = np.arange(before if turning else of_pass[0], of_pass[-1] + 1)
+        colour = _direction(float(at[line[-1]] - at[line[0]]), int(number))
+        marker = "^" if colour == UP else "v"
         passes.append(Pass(at[line], value[line], colour))
         change = np.abs(np.diff(value[line]))
         parted = np.diff(order[line]) > 1
