@@ -207,13 +207,14 @@ class Atlas(FollowsFixedPoints):
         """Searches with all periods, and some branches; at most all starts and branches that are allowed."""
         slopes = 2.0 + 3.0 * unknowns(rows)
         search = STEPS_OF_SEARCH * slopes * cycle * self.periods * (self.periods + 1) / 2.0
-        points = POINTS * slopes * cycle * (DERIVATIVES_A_POINT if self.second else 1.0)
+        point = slopes * cycle * (DERIVATIVES_A_POINT if self.second else 1.0)
+        points = min(BRANCHES, self.branches) * min(POINTS, self.most)
         starts = min(self.budget, (self.patience + 1) * self.batch)
         settling = self.settle * cycle * self.batch
         return Cost(
-            likely=settling + starts * search + BRANCHES * points,
-            most=settling + self.budget * search + self.branches * self.most * slopes * cycle,
-            records=BRANCHES * POINTS,
+            likely=settling + starts * search + points * point,
+            most=settling + self.budget * search + self.branches * self.most * point,
+            records=points,
         )
 
     def near_fixed_points(self, mapped: MappedRows) -> tuple[Points, Values]:

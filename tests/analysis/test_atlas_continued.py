@@ -27,6 +27,16 @@ def test_more_is_the_job_with_twice_the_starts_and_one_bifurcation_more() -> Non
     assert wider_job({"job": earlier.resolved()}).resolved() == whole.resolved()
 
 
+def test_the_largest_cost_is_no_smaller_than_the_likely_one() -> None:
+    """Nor is more than `branches` of `most` points expected."""
+    few = {"branches": 3, "batch": 1, "budget": 1}
+    for extent in (EARLIER, WHOLE, few, {**few, "most": 4}):
+        job = gs.Job(**JOB, run={"kind": "atlas", **FIELDS, **extent})
+        cost = job.run.cost(job.design, 1.0, 1.0)
+        assert cost.likely <= cost.most
+        assert cost.records <= job.run.branches * job.run.most  # type: ignore[union-attr]
+
+
 @pytest.mark.slow
 def test_the_four_tables_are_files_that_other_programs_read(tmp_path: Path) -> None:
     henon = gs.atlas(Henon(), out=tmp_path / "henon", verify=0, **FIELDS, **WHOLE)

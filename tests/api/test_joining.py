@@ -88,12 +88,12 @@ def test_rows_of_one_job_are_joined_once() -> None:
     assert len(both) == 4
     # of a joined table too: row 1 of the first job, and the one row of the other
     with pytest.raises(gs.ArgumentError, match=r"Tables 1 and 2 both have 1 row .* row 1 of that job"):
-        gs.concat(gs.concat(both, _table(["run"])), table[table["row"] == 1])
+        gs.concat(gs.concat(both, _table(["run"])), table.loc[table["row"] == 1])
     with pytest.raises(gs.ArgumentError, match=r"Tables 1 and 2 both have 1 row .* row 0 of that job"):
         gs.concat(other, both)
     # of a selection of a joined table, the rows that were left out may be joined
-    assert len(gs.concat(both[both["mass"] == 1.0], other)) == 4
-    assert len(gs.concat(both[both["row"] != 2], table[table["row"] == 1])) == 4
+    assert len(gs.concat(both.loc[both["mass"] == 1.0], other)) == 4
+    assert len(gs.concat(both.loc[both["row"] != 2], table.loc[table["row"] == 1])) == 4
 
 
 def test_fields_of_the_job_that_differ_are_left_out_of_a_joined_table() -> None:
