@@ -58,7 +58,9 @@ def concat(*tables: Tables) -> pd.DataFrame:
     attrs = _joined_attrs([frame.attrs for frame in frames])
     frames, parts = _with_rows_numbered_on(frames)
     joined = pd.concat(same_categories(*frames), ignore_index=True)
-    joined.attrs = attrs and attrs | {"joined": parts}
+    if attrs:
+        attrs["joined"] = parts
+    joined.attrs = attrs
     return joined
 
 

@@ -114,8 +114,30 @@ def rest(
         q: the positions (nq,) of the start.
         creeping: the places in v of velocities of the whole body along the ground.
     """
+    creeps = np.isin(np.arange(body.nv), creeping)
+    end = _overdamped_motion(body, acceleration, q, creeps)
+    at, v = end.at
+    lowest = _lowest_stiffness(body, end, inverse_inertia(at), creeps)
+    residual = _largest(end.a)
+    standing = jnp.where(_turn(body, q, at) > _TOPPLED, Standing.toppled, Standing.stands)
+    standing = jnp.where(lowest < -_UNSTABLE, Standing.unstable, standing)
+    standing = jnp.where(residual < AT_REST, standing, Standing.no_rest)
+    return Rest(at, v, residual, standing)
+
+
+def _overdamped_motion(
+    body: LocatedBody,
+    acceleration: Callable[[Float[Array, " nq"], Float[Array, " nv"]], Float[Array, " nv"]],
+    q: Float[Array, " nq"],
+    creeps: Bool[np.ndarray, " nv"],
+) -> _Progress:
+    """The last step down the accelerations, which has the rest or the largest number of steps.
+
+    Args:
+        body, acceleration, q: as for `rest`.
+        creeps: whether a velocity is along the ground: it is changed, and its position is not.
+    """
     n = body.nv
-    creeps = np.isin(np.arange(n), creeping)
     # the accelerations are written out once in the compiled program, for all of these points
     displacements = _DIFFERENCE * np.concatenate([np.zeros((1, n)), np.eye(n), -np.eye(n)])
 
@@ -141,26 +163,30 @@ def rest(
     first = jnp.asarray(_FIRST, float)
     begin = q, jnp.zeros(n)
     start = _Progress(begin, unknown, jnp.eye(n), begin, first, jnp.asarray(True), jnp.asarray(0))
-    end = jax.lax.while_loop(goes_on, next_of, start)
-    at, v = end.at
+    return jax.lax.while_loop(goes_on, next_of, start)
+
+
+def _lowest_stiffness(
+    body: LocatedBody,
+    end: _Progress,
+    inverse_inertia: Float[Array, "nv nv"],
+    creeps: Bool[np.ndarray, " nv"],
+) -> Float[Array, ""]:
+    """The lowest eigenvalue (1/s2) of the stiffness of unit masses, without directions along the ground."""
     # in these coordinates the stiffness is symmetric, as that of a potential
-    root = jnp.linalg.cholesky(inverse_inertia(at))
+    root = jnp.linalg.cholesky(inverse_inertia)
     symmetric = jnp.linalg.solve(root, jnp.where(creeps, 0.0, end.stiffness) @ root)
-    if creeping:
+    if np.any(creeps):
         # places and heading on the ground change nothing, or by friction slowly
-        along = jnp.eye(n)[:, np.array(creeping)]
+        along = jnp.eye(body.nv)[:, np.flatnonzero(creeps)]
         if body.is_free:
-            heading = jnp.zeros((n, 1)).at[3:6, 0].set(rotation_of(at[3:7])[2])
+            q, _ = end.at
+            heading = jnp.zeros((body.nv, 1)).at[3:6, 0].set(rotation_of(q[3:7])[2])
             along = jnp.concatenate([along, heading], axis=1)
         basis, _ = jnp.linalg.qr(jnp.linalg.solve(root, along))
-        across = jnp.eye(n) - basis @ basis.T
+        across = jnp.eye(body.nv) - basis @ basis.T
         symmetric = across @ symmetric @ across
-    lowest = jnp.min(jnp.linalg.eigvalsh(symmetric))
-    residual = _largest(end.a)
-    standing = jnp.where(_turn(body, q, at) > _TOPPLED, Standing.toppled, Standing.stands)
-    standing = jnp.where(lowest < -_UNSTABLE, Standing.unstable, standing)
-    standing = jnp.where(residual < AT_REST, standing, Standing.no_rest)
-    return Rest(at, v, residual, standing)
+    return jnp.min(jnp.linalg.eigvalsh(symmetric))
 
 
 def _largest(values: Float[Array, " n"]) -> Float[Array, ""]:
