@@ -209,6 +209,7 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchJob:
 
     Raises:
         JobError: all errors, with file and line of each.
+        ArgumentError: the package of the method is not installed.
     """
     return read_file(path, overrides, read_search)
 

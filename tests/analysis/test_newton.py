@@ -112,6 +112,7 @@ def test_conserved_quantities_are_constrained() -> None:
     np.testing.assert_allclose(
         multipliers(held.images.jacobian, gradients)[:, 0], 1.0 - 0.5 * (1.0 + 2.0 * x), atol=1e-9
     )
+    assert multipliers(np.empty((0, 2, 2)), np.empty((0, 1, 2))).shape == (0, 1)
     given = newton(CONSERVING, starts, {}, fix={"total": 0.75})
     np.testing.assert_allclose(given.points.at[:, 0], 0.5, atol=1e-9)
 

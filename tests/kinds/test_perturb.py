@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shutil
 import types
 from functools import partial
@@ -14,6 +15,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.contract import HybridModel
 from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.engine.kernel import cuda_lanes
 from gaitsweep.engine.pushed_model import PushedModel
@@ -533,3 +535,17 @@ def test_the_ground_of_pushed_rows_is_that_of_their_model() -> None:
     heights = heights_of_model(PushedModel(Hilly(), ("rate",)), {}, places)
     assert heights is not None
     np.testing.assert_allclose(heights, 0.1 * np.sin(places))
+
+
+def test_a_pushed_model_answers_for_its_model() -> None:
+    """Each member of a model is redefined or that of the model itself, but for four.
+
+    Pushed rows have no chart, symmetries or fixed-step scheme; who needs the ground asks the model itself.
+    """
+    members = [name for name in dir(HybridModel) if not name.startswith("__")]
+    defaults = {
+        name
+        for name in members
+        if inspect.getattr_static(PushedModel, name) is inspect.getattr_static(HybridModel, name)
+    }
+    assert defaults - {"_abc_impl"} == {"chart", "symmetries", "fixed_step_scheme", "own_ground"}

@@ -33,6 +33,8 @@ def multipliers(
     Returns:
         Complex numbers (n, size - k), or (size,) of one point.
     """
+    if gradients is not None and not len(gradients):
+        return np.empty((0, jacobian.shape[-1] - gradients.shape[1]), complex)
     if gradients is not None and gradients.shape[1]:
         jacobian = np.stack([_restricted(*of_point) for of_point in zip(jacobian, gradients, strict=True)])
     factors = np.asarray(np.linalg.eigvals(jacobian), complex)
