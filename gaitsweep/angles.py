@@ -62,7 +62,8 @@ def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
     """
     if not len(angles):
         return float("nan")
-    return float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
+    mean = float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
+    return 0.0 if mean == TURN else mean  # a small negative angle becomes 2 pi by rounding
 
 
 def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:

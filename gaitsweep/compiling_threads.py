@@ -27,13 +27,14 @@ def compiling() -> Iterator[None]:
 
 @contextlib.contextmanager
 def purpose_of_compiling(purpose: str) -> Iterator[None]:
-    """A context in which this thread compiles for a purpose, such as "the self-check"."""
+    """A context in which this thread compiles for a purpose, such as "the self-check"; it may be nested."""
     thread = threading.get_ident()
+    outer = compiles_for(thread)
     _PURPOSES[thread] = purpose
     try:
         yield
     finally:
-        del _PURPOSES[thread]
+        _PURPOSES[thread] = outer
 
 
 def compiles_for(thread: int | None) -> str:

@@ -468,11 +468,16 @@ def _check_condition(text: str, node: ast.expr) -> None:
             for comparison, part in zip(node.ops, node.comparators, strict=True):
                 if type(comparison) in _COMPARISONS:
                     _check_operand(text, part)
-                elif isinstance(comparison, (ast.In, ast.NotIn)) and isinstance(part, (ast.List, ast.Tuple)):
+                elif (
+                    isinstance(comparison, (ast.In, ast.NotIn))
+                    and isinstance(part, (ast.List, ast.Tuple))
+                    and part is node.comparators[-1]
+                ):
                     for item in part.elts:
                         _check_operand(text, item)
                 else:
-                    raise error_in(text, "only < <= > >= == != and in [...] are comparisons.")
+                    allowed = "only < <= > >= == != and, after all of these, in [...] are comparisons"
+                    raise error_in(text, f"{allowed}.")
         case ast.Name() if node.id not in FUNCTIONS:
             pass
         case _:

@@ -43,7 +43,7 @@ class StatusNames(frozenset[str]):
     def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
         """Test for each of some statuses (n,), names or the engine's numbers, whether it is one of these."""
         statuses = np.asarray(values)
-        if statuses.dtype.kind in "iu":
+        if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])
         return np.isin(statuses, list(self))
 

@@ -20,6 +20,7 @@ def test_the_circular_mean() -> None:
     assert mean_direction(np.array([0.1, TURN - 0.1])) == pytest.approx(0.0, abs=1e-12)
     assert mean_direction(np.array([0.3, TURN - 0.1])) == pytest.approx(0.1, abs=1e-12)
     assert np.isnan(mean_direction(np.array([])))
+    assert mean_direction(np.array([-1e-17])) == 0.0  # not 2 pi
 
 
 def test_the_circle_is_cut_where_no_angles_are() -> None:

@@ -7,6 +7,7 @@ These are the defaults of a job.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TypeVar, get_args
 
 import jax
@@ -69,7 +70,8 @@ class Numerics:
         """Complete the numerics by the recommendations of a model.
 
         Raises:
-            ArgumentError: the method or the precision is unknown.
+            ArgumentError: the method or the precision is unknown, or the step or a tolerance is not a
+                number above 0.
         """
         recommended = model.recommended
         rtol = recommended.rtol if self.rtol is None else self.rtol
@@ -83,6 +85,10 @@ class Numerics:
             near = near_miss.suggestion(self.precision, get_args(Precision))
             raise ArgumentError(f"numerics.precision is {self.precision}{near}")
         atol = recommended.atol if self.atol is None else self.atol
+        lengths = {"dt": self.dt, "event_tolerance": self.event_tolerance, "rtol": rtol, "atol": atol}
+        for name, value in lengths.items():
+            if value is not None and not 0.0 < value < math.inf:
+                raise ArgumentError(f"numerics.{name} is {value:g}, but must be a number above 0.")
         return ResolvedNumerics(**{**vars(self), "method": method, "rtol": rtol, "atol": atol})
 
 

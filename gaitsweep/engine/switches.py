@@ -132,6 +132,8 @@ def may_bend(
 ) -> bool:
     """Whether a function may jump or bend as a flow moves the state, since an operation is not smooth.
 
+    A conversion of the dtype and a power by `integer_pow` count as not smooth, other than in `may_switch`.
+
     Args:
         function: the function.
         params: its parameters.

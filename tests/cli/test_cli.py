@@ -384,8 +384,11 @@ def test_the_bar_says_that_the_main_thread_compiles(monkeypatch: pytest.MonkeyPa
         with compiling():
             time.sleep(0.3)  # before the first progress
         bar(0, 10, 0.0, 0.0, "0.1 million steps/s")
-        with purpose_of_compiling("the self-check"), compiling():
-            time.sleep(0.3)
+        with purpose_of_compiling("the self-check"):
+            with purpose_of_compiling("a part of it"):
+                pass
+            with compiling():
+                time.sleep(0.3)
     assert "compiling for 0 s" in screen.getvalue()
     assert "compiling the self-check for 0 s" in screen.getvalue()
     assert "0.1 million steps/s" in screen.getvalue()

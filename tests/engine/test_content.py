@@ -16,6 +16,9 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.engine.content import cached_by_content, content_of, is_user_module
+from gaitsweep.engine.poincare.map_derivatives import LevelMap
+from gaitsweep.engine.poincare.maps import Map
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 
 GAIN = 1.0
 TABLE = np.array([1.0, 2.0])
@@ -193,6 +196,17 @@ def test_a_return_map_and_a_simulation_follow_a_change(monkeypatch: pytest.Monke
     again = mapping.mapping.images(mapping.settled(cycles=1), {}).observed["time"][0]
     assert again == pytest.approx(np.pi, abs=1e-6)
     assert gs.simulate(Loops(), duration=np.pi, every=np.pi).x.iloc[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_map_made_of_another_one_has_the_content_of_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    @cached_by_content(maxsize=8)
+    def compiled(mapping: Map) -> float:
+        return GAIN
+
+    mapping = LevelMap(BatchedReturnMap(Spring()).iterated(2), "energy")
+    assert compiled(mapping) == 1.0
+    _global(monkeypatch)
+    assert compiled(mapping) == 4.0
 
 
 def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:

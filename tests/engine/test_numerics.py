@@ -115,3 +115,11 @@ def test_unknown_numerics_are_refused_with_the_near_miss() -> None:
     precision: Any = "float46"
     with pytest.raises(ArgumentError, match=r"precision is float46.*float64"):
         Numerics(precision=precision).resolve(Toy())
+
+
+@pytest.mark.parametrize("name", ["dt", "rtol", "atol", "event_tolerance"])
+@pytest.mark.parametrize("value", [0.0, -1e-3, np.nan, np.inf])
+def test_steps_and_tolerances_are_numbers_above_0(name: str, value: float) -> None:
+    fields: dict[str, Any] = {name: value}
+    with pytest.raises(ArgumentError, match=f"numerics.{name} is {value:g}"):
+        Numerics(**fields).resolve(Toy())

@@ -369,7 +369,7 @@ def test_jacobian_where_feet_slip() -> None:
             {"launch_1": 1.0},
             "use one another",
         ),
-        ((), {"launch_1": [1.0, 2.0, 3.0]}, "mass has 2 values, but others have 3"),
+        ((), {"launch_1": [1.0, 2.0, 3.0]}, "mass has 2 values, but there are 3 points"),
     ],
 )
 def test_a_map_refuses_what_it_cannot_compute(settings: Any, starts: Any, sentence: str) -> None:
@@ -377,6 +377,15 @@ def test_a_map_refuses_what_it_cannot_compute(settings: Any, starts: Any, senten
     values = {"mass": [1.0, 1.1]} if "values" in sentence else {}
     with pytest.raises(ArgumentError, match=sentence):
         mapping.settled(starts, values, 2)
+
+
+def test_a_map_refuses_other_numbers_of_values_and_of_applications() -> None:
+    mapping = BatchedReturnMap(Toy())
+    with pytest.raises(ArgumentError, match="mass has 2 values, but there are 3 points"):
+        mapping.complete({"mass": [1.0, 1.1]}, 3)
+    for count in (0, -1):
+        with pytest.raises(ArgumentError, match=f"applied {count} times"):
+            mapping.iterated(count)
 
 
 def test_a_state_with_a_default_has_a_map() -> None:

@@ -46,6 +46,9 @@ FUNCTIONS = {
         + jnp.min(jnp.array([[x, -1.0], [y + 1.0, x - 2.0]]), axis=0) @ jnp.ones(2)
     ),
     "size": lambda x, y: jnp.abs(-x) + jnp.clip(y, -3.0, 3.0) + jnp.sign(x) * y,
+    "clamped": lambda x, y: (
+        jax.lax.clamp(-3.0, x, 3.0) * y + jax.lax.clamp(y + 1.0, x, 3.0) + jax.lax.clamp(-3.0, x, y - 2.0)
+    ),
     "moved": lambda x, y: jnp.stack([x, y, x * y])[::-1].reshape(3, 1)[1:].sum() + jnp.array([x, y])[1],
     "matrix": lambda x, y: jnp.array([[x, y], [1.0, x]]) @ jnp.array([y, 2.0 * x]) @ jnp.array([1.0, y]),
     "of numbers and arrays": lambda x, y: jnp.where(x > 0.0, jnp.arange(2.0) - y, x * jnp.arange(2.0)).sum(),

@@ -276,7 +276,7 @@ def test_a_condition_selects_records(condition: str, expected: list[int]) -> Non
         "__import__('os') == 1", "speed[0] > 1", "[gait for gait in ()] == 1", "f'{speed}' == 'a'",
         "speed", "speed + 1", "not 3", "", "speed >", "speed == True", "(speed > 1) + 1 > 1", "speed is 1",
         "gait in stair", "settled & settled", "abs > 1", "1 < 2", "speeds > 1", "gait < 'b'", "gait == 1",
-        "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
+        "stair in [1, 2] == 1", "stair in [0, 1, 2, 3] < 2", "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
     ],
 )  # fmt: skip
 def test_only_conditions_are_evaluated(text: str) -> None:

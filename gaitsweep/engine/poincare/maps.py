@@ -166,6 +166,9 @@ class Map(abc.ABC):
         Args:
             values: parameters by name, numbers or (n,).
             n: the number of points.
+
+        Raises:
+            ArgumentError: a name is unknown, or it has another number of values.
         """
 
     @abc.abstractmethod
@@ -196,7 +199,13 @@ class Map(abc.ABC):
         """
 
     def iterated(self, count: int) -> Map:
-        """The map that applies this one a number of times, 1 or more."""
+        """The map that applies this one a number of times, 1 or more.
+
+        Raises:
+            ArgumentError: the number is below 1.
+        """
+        if count < 1:
+            raise ArgumentError(f"A map is applied {count} times, but must be applied once or more.")
         return self if count == 1 else IteratedMap(self, count)
 
     @functools.cached_property
@@ -243,6 +252,11 @@ class DerivedMap(Map):
     """
 
     base: Map
+
+    @property
+    def model(self) -> Any:
+        """The model of the other map, which decides the programs too (`cached_by_content`); None without."""
+        return getattr(self.base, "model", None)
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:

@@ -83,10 +83,7 @@ class ModelMap(FollowedMap):
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         self._refuse_unknown(values, self.model.parameters, "parameter")
         numbers = {name: value for name, value in self._written.items() if not isinstance(value, str)}
-        columns = {}
-        for name, value in {**numbers, **values}.items():
-            columns[name] = np.broadcast_to(np.asarray(value, np.float64), (n,)).copy()
-        return columns
+        return {name: _column(name, value, n) for name, value in {**numbers, **values}.items()}
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
@@ -127,17 +124,13 @@ class ModelMap(FollowedMap):
         """
         refuse_fork()
         self._refuse_unknown(starts, self.model.initial_conditions, "start value")
-        sizes = {name: np.size(column) for name, column in {**values, **starts}.items()}
-        n = max(sizes.values(), default=1)
-        for name, size in sizes.items():
-            if size not in (1, n):
-                raise ArgumentError(f"{name} has {size} values, but others have {n}.")
+        n = max([np.size(column) for column in (*values.values(), *starts.values())], default=1)
         starts_of_points = {}
         for quantity in self.model.initial_conditions:
             start = starts.get(quantity.name, quantity.default)
             if start is None:
                 raise ArgumentError(f"{quantity.name} of {self.model.name} has no default: set it in starts.")
-            starts_of_points[quantity.name] = np.broadcast_to(np.asarray(start, np.float64), (n,))
+            starts_of_points[quantity.name] = _column(quantity.name, start, n)
         complete = self.complete(values, n)
         state, status = _settler(self, cycles)(complete, starts_of_points)
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
@@ -183,6 +176,14 @@ class ModelMap(FollowedMap):
             return tuple(graphlib.TopologicalSorter(uses).static_order())
         except graphlib.CycleError as circle:
             raise ArgumentError(f"{' -> '.join(circle.args[1])}: these formulas use one another.") from None
+
+
+def _column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
+    """A number, or one for each of n points, as a column (n,); raises ArgumentError for other lengths."""
+    column = np.asarray(value, np.float64)
+    if column.shape not in ((), (1,), (n,)):
+        raise ArgumentError(f"{name} has {column.size} values, but there are {n} points.")
+    return np.broadcast_to(column, (n,)).copy()
 
 
 @cached_by_content(maxsize=16)

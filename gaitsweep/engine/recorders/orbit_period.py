@@ -105,8 +105,7 @@ def with_orbits(numbers: Mapping[str, Num[np.ndarray, "rows ..."]]) -> dict[str,
         flat[name] = values.reshape(len(values), -1) if of_crossings else values
     window = numbers["window"]
     others = window[:, 1:, :-2].reshape(len(window), -1)
-    # a kernel's numbers are floats
-    several = (flat["period"] > 1) | RECURRENT.among(flat["status"].astype(np.int32))
+    several = (flat["period"] > 1) | RECURRENT.among(flat["status"])
     return {**flat, "orbit": np.where(several[:, None], others, np.nan)}
 
 

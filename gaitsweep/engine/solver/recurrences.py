@@ -300,6 +300,14 @@ def _extreme(operation: Operation, k: int, args: list[Series]) -> Series:
     return [jnp.where(first, of_a, of_b)]
 
 
+def _clamped(operation: Operation, k: int, args: list[Series]) -> Series:
+    """A number between two bounds, which is itself or the same bound between switches."""
+    lowest, value, highest = args
+    low, inside, high = (_filled(series[k], series[0]) for series in args)
+    above = jnp.where(value[0] > highest[0], high, inside)
+    return [jnp.where(value[0] < lowest[0], low, above)]
+
+
 def _extreme_of(operation: Operation, k: int, args: list[Series]) -> Series:
     """The largest or the smallest element over some axes, which is the same one between switches."""
     a = args[0]
@@ -376,6 +384,7 @@ RULES: dict[str, Rule] = {
     "select_n": _chosen,
     "max": _extreme,
     "min": _extreme,
+    "clamp": _clamped,
     "reduce_max": _extreme_of,
     "reduce_min": _extreme_of,
     "abs": _of_arguments(_absolute),

@@ -20,7 +20,6 @@ from typing import Any, Protocol
 from gaitsweep.engine.sweep.blocks_of_rows import Block, labelled
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
-from gaitsweep.errors import UserError
 from gaitsweep.row_outcome import RowOutcome
 
 
@@ -252,15 +251,15 @@ def sweep(
     timings = Timings() if timings is None else timings
     began = time.perf_counter()
     scheduler = LaneScheduler(spec, blocks, None if open_rows is None else open_rows.restored)
-    scheduler.open_first_rows()
-    if scheduler.busy:
-        # compiled before any row ends, since ended rows would wait for it
-        labelled(spec, next(iter(scheduler.open.values())))
-    timings.compile_s = time.perf_counter() - began
-    scheduler.start()
     writer = BlockWriter(spec, encode, write, written=scheduler.close)
     keeper = OpenRowsKeeper(scheduler, open_rows, writer)
     try:
+        scheduler.open_first_rows()
+        if scheduler.busy:
+            # compiled before any row ends, since ended rows would wait for it
+            labelled(spec, next(iter(scheduler.open.values())))
+        timings.compile_s = time.perf_counter() - began
+        scheduler.start()
         while scheduler.busy or scheduler.complete:
             _run_chunk(scheduler, writer, keeper)
             timings.attempts = scheduler.attempts
@@ -271,9 +270,9 @@ def sweep(
         timings.run_s = time.perf_counter() - began - timings.compile_s
     except BaseException:
         # the first exception is reported, not a failure to write or store rows that follows from it
-        with contextlib.suppress(UserError):
+        with contextlib.suppress(Exception):
             writer.end()
-        with contextlib.suppress(UserError):
+        with contextlib.suppress(Exception):
             keeper.store()
         raise
     finally:
