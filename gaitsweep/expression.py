@@ -124,7 +124,7 @@ def evaluate(
     if not np.all(np.isfinite(result)):
         raise ExpressionError(f"{quoted(expression)} is not a finite number.")
     scalar = all(np.ndim(names[name]) == 0 for name in names_used(expression))
-    return float(result[0]) if scalar else result
+    return float(result[0]) if scalar else np.array(result)  # not the caller's own array
 
 
 def resolve(
@@ -208,6 +208,9 @@ def evaluate_tree(
         names: the value of each name.
         functions: the functions by name.
         constant: converts the numbers of the expression.
+
+    Raises:
+        ExpressionError: Python or NumPy refuses the arithmetic, or its result is complex.
     """
 
     def value(node: ast.expr) -> Any:

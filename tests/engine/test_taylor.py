@@ -86,6 +86,15 @@ def test_coefficients_are_those_of_a_fitted_polynomial(name: str) -> None:
     assert np.all(np.abs(np.asarray(coefficients()[name]) - fitted) < error)
 
 
+def test_a_rate_without_derivative_moves_as_any_other() -> None:
+    """x' = -x; the same function as a guard's margin counts as constant."""
+    hidden = jax.jit(jax.lax.stop_gradient)
+    point = Point(jnp.asarray(2.0), jnp.asarray(0.0))
+    series = solution(lambda _, s: {"x": -hidden(s.x)}, None, point, 5)
+    np.testing.assert_allclose(series["x"], [2.0 * (-1) ** k / math.factorial(k) for k in range(6)])
+    np.testing.assert_array_equal(along(lambda s: hidden(s.x), point, series, 2), [2.0, 0.0, 0.0])
+
+
 class Orbit(DeclaredModel):
     """A planet on an ellipse of eccentricity 0.6, from its nearest point."""
 

@@ -80,6 +80,13 @@ def test_one_operation_is_exactly_pythons(left: float, right: float, sign: str) 
     assert evaluate(f"floor({left!r})", {}) == math.floor(left)
 
 
+def test_a_lone_name_gives_an_array_of_its_own() -> None:
+    column = np.array([0.5, 0.7])
+    result = evaluate("beta", {"beta": column})
+    assert result.tolist() == column.tolist()
+    assert not np.shares_memory(result, column)
+
+
 @given(EXPRESSIONS, st.lists(st.floats(0.1, 0.9), min_size=1, max_size=5))
 def test_arrays_are_the_scalars_side_by_side(text: str, betas: list[float]) -> None:
     def alone(beta: float) -> float | None:
@@ -276,7 +283,8 @@ def test_a_condition_selects_records(condition: str, expected: list[int]) -> Non
         "__import__('os') == 1", "speed[0] > 1", "[gait for gait in ()] == 1", "f'{speed}' == 'a'",
         "speed", "speed + 1", "not 3", "", "speed >", "speed == True", "(speed > 1) + 1 > 1", "speed is 1",
         "gait in stair", "settled & settled", "abs > 1", "1 < 2", "speeds > 1", "gait < 'b'", "gait == 1",
-        "stair in [1, 2] == 1", "stair in [0, 1, 2, 3] < 2", "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
+        "stair in [1, 2] == 1", "stair in [0, 1, 2, 3] < 2",
+        "stair == 'a'", "-gait > 1", "not " * 130 + "settled", "(speed := 1) > 0", "`speed` > 1", "lambda: 1",
     ],
 )  # fmt: skip
 def test_only_conditions_are_evaluated(text: str) -> None:

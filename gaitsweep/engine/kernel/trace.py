@@ -78,6 +78,9 @@ class Tracer:
         Args:
             jaxpr: the jaxpr, with open constants.
             consts, args: the nodes of its constants and of its inputs.
+
+        Raises:
+            UnsupportedError: the scalar kernel lacks an operation, or cannot represent its results.
         """
         from gaitsweep.engine.kernel.primitives import rule_for
 
@@ -209,7 +212,11 @@ Rule = Callable[[Tracer, Any, list[Nodes]], list[Nodes]]
 
 
 def kind_of(dtype: Any) -> Kind:
-    """The kind of node that represents scalars of a dtype."""
+    """The kind of node that represents scalars of a dtype.
+
+    Raises:
+        RuleError: no kind represents them.
+    """
     if not jnp.issubdtype(dtype, jax.dtypes.extended):  # such as random number keys
         kinds: dict[str, Kind] = {"b": "bool", "i": "int", "u": "int", "f4": "f32", "f8": "f64"}
         scalar = np.dtype(dtype)

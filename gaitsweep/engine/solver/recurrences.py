@@ -397,13 +397,15 @@ RULES: dict[str, Rule] = {
     **dict.fromkeys(
         (
             "broadcast_in_dim", "reshape", "squeeze", "slice", "transpose", "rev", "copy", "reduce_sum",
-            "cumsum", "gather", "dynamic_slice", "expand_dims", "split", "unstack", "name",
+            "cumsum", "gather", "dynamic_slice", "expand_dims", "split", "unstack", "name", "stop_gradient",
         ),
         _first_moves,
     ),
     **dict.fromkeys(
-        ("stop_gradient", "sign", "floor", "ceil", "round", "lt", "le", "gt", "ge", "eq", "ne", "and", "or",
-         "not", "xor", "is_finite", "argmax", "argmin", "lt_to", "le_to", "eq_to", "iota"),
+        ("sign", "floor", "ceil", "round", "lt", "le", "gt", "ge", "eq", "ne",
+         "is_finite", "argmax", "argmin", "lt_to", "le_to", "eq_to"),
         _constant,
     ),
 }  # fmt: skip
+# In guards, a part without derivative, such as a margin for rounding, counts as constant.
+RULES_OF_GUARDS: dict[str, Rule] = {**RULES, "stop_gradient": _constant}

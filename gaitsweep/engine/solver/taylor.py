@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -26,7 +26,14 @@ from jaxtyping import Float
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Guards, Number
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.solver.recurrences import RULES, NoRecurrenceError, Series, Value
+from gaitsweep.engine.solver.recurrences import (
+    RULES,
+    RULES_OF_GUARDS,
+    NoRecurrenceError,
+    Rule,
+    Series,
+    Value,
+)
 from gaitsweep.engine.stored_traces import stored
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
@@ -91,10 +98,10 @@ class Expansion:
         return errors
 
     def along(self, function: Callable[[State], Value], state: State) -> list[Value]:
-        """The Taylor coefficients of a function of the state along the solution.
+        """The Taylor coefficients of guards along the solution.
 
         Args:
-            function: the function of one state.
+            function: the guards of one state.
             state: the state about which the solution is expanded.
         """
         return along(function, state, self.series, self.order)
@@ -240,7 +247,7 @@ def solution(
     """
     with jax.disable_jit():  # the program of a jitted function is then inlined
         closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
-    program = _Program(closed)
+    program = _Program(closed, RULES)
     names = sorted(rates)  # the order of the leaves of a dict
     values, tree = jax.tree.flatten((params, state))
     places = jax.tree.unflatten(tree, range(len(values)))[1]
@@ -262,10 +269,10 @@ def solution(
 def along(
     function: Callable[[State], Value], state: State, series: dict[str, list[Value]], order: int
 ) -> list[Value]:
-    """The Taylor coefficients of a function of the state along a solution.
+    """The Taylor coefficients of guards along a solution; a part without derivative counts as constant.
 
     Args:
-        function: the function of one state.
+        function: the guards of one state.
         state: the state about which the solution is expanded.
         series: the coefficients of the solution by field, from `solution`.
         order: the highest order.
@@ -280,7 +287,7 @@ def along(
     inputs: list[Series] = [[value] for value in values]
     for name, terms in series.items():
         inputs[getattr(places, name)] = list(terms)
-    program = _Program(closed)
+    program = _Program(closed, RULES_OF_GUARDS)
     coefficients: list[Value] = []
     for k in range(order + 1):
         (term,) = program(k, [_up_to(series, k) for series in inputs])
@@ -294,14 +301,14 @@ def _up_to(series: Series, k: int) -> Series:
 
 
 class _Program:
-    """A program and the coefficients of its variables so far."""
+    """A program and the coefficients of its variables so far, by the rules of its operations."""
 
-    def __init__(self, closed: ClosedJaxpr) -> None:
+    def __init__(self, closed: ClosedJaxpr, rules: Mapping[str, Rule]) -> None:
         self.jaxpr = closed.jaxpr
         self.known: dict[Any, Series] = {}
         for variable, value in zip(self.jaxpr.constvars, closed.consts, strict=True):
             self.known[variable] = [jnp.asarray(value)]
-        self.operations = [_Operation(equation) for equation in self.jaxpr.eqns]
+        self.operations = [_Operation(equation, rules) for equation in self.jaxpr.eqns]
 
     def __call__(self, k: int, inputs: Sequence[Series]) -> Series:
         """The coefficients of order k of the results, after those of all lower orders."""
@@ -321,8 +328,9 @@ class _Program:
 class _Operation:
     """An equation of a program, or an inner program, with its results so far; see `recurrences.Operation`."""
 
-    def __init__(self, equation: Any) -> None:
+    def __init__(self, equation: Any, rules: Mapping[str, Rule]) -> None:
         self.equation = equation
+        self.rules = rules
         self.name: str = equation.primitive.name
         self.results: list[Series] = [[] for _ in equation.outvars]
         self.auxiliary: dict[str, Series] = {}
@@ -330,7 +338,8 @@ class _Operation:
         for key in _INNER:
             if key in equation.params:
                 inner = equation.params[key]
-                self.inner = _Program(inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, []))
+                closed = inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
+                self.inner = _Program(closed, rules)
                 break
 
     def __call__(self, k: int, args: list[Series]) -> Series:
@@ -342,8 +351,8 @@ class _Operation:
             terms = list(first) if self.equation.primitive.multiple_results else [first]
         elif all(term is None for a in args for term in a[1 : k + 1]):
             terms = [None] * len(self.results)
-        elif self.name in RULES:
-            terms = RULES[self.name](self, k, args)
+        elif self.name in self.rules:
+            terms = self.rules[self.name](self, k, args)
         else:
             raise NoRecurrenceError(f"JAX's operation {self.name}")
         for series, term in zip(self.results, terms, strict=True):
