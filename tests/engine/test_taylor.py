@@ -87,7 +87,7 @@ def test_coefficients_are_those_of_a_fitted_polynomial(name: str) -> None:
 
 
 def test_a_rate_without_derivative_moves_as_any_other() -> None:
-    """x' = -x; the same function as a guard's margin counts as constant."""
+    """The flow is x' = -x; the same function as a guard's margin counts as constant."""
     hidden = jax.jit(jax.lax.stop_gradient)
     point = Point(jnp.asarray(2.0), jnp.asarray(0.0))
     series = solution(lambda _, s: {"x": -hidden(s.x)}, None, point, 5)
