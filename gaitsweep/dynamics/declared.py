@@ -265,6 +265,14 @@ class Declared(Model):
         clocks |= set() if feet is None else {feet.clock}
         return [(name, variable) for name, variable in variables.items() if name not in clocks]
 
+    def complete(self, params: Any, state: Any, /) -> Any:
+        """The state with those variables set that follow from the others, at t = 0 and on the section.
+
+        A model with `section_coordinates` sets here what the section fixes, such as the swing leg of a
+        walker whose feet are both on the ground.
+        """
+        return state
+
     def begun_on_section(self, params: Any, state: Any) -> Any:
         """A state on the section, just behind its crossing, with its events armed."""
         return state

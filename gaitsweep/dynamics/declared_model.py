@@ -122,7 +122,11 @@ class DeclaredModel(Declared, HybridModel):
         if events:
             shape = (len(events),)
             fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
-        return self._begun(params, self._on_its_side(params, self.complete(params, self.State(**fields))))
+        return self._begun(params, self._on_its_side(params, self._placed(params, self.State(**fields))))
+
+    def _placed(self, params: Any, state: Any) -> Any:
+        """The state at t = 0 from its initial conditions, before modes and events follow from it."""
+        return self.complete(params, state)
 
     def _on_its_side(self, params: Any, state: Any) -> Any:
         """The state with the mode of sliding that follows from its variables."""
@@ -162,14 +166,6 @@ class DeclaredModel(Declared, HybridModel):
             return False
         after = Surfaces(self, params, event.jumped(self, params, state))
         return (after.rate(event) <= 0.0) & event.holds(params, state)
-
-    def complete(self, params: Any, state: Any, /) -> Any:
-        """The state with those variables set that follow from the others, at t = 0 and on the section.
-
-        A model with `section_coordinates` sets here what the section fixes, such as the swing leg of a
-        walker whose feet are both on the ground.
-        """
-        return state
 
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         surfaces = Surfaces(self, params, state)

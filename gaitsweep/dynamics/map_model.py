@@ -70,10 +70,6 @@ class MapModel(Declared, SteppedModel):
     def image(self, params: Params, state: State, /) -> Mapping[str, Real[Array, " ..."]]:
         """The variables and modes of the image of a state, by name; the others keep their values."""
 
-    def complete(self, params: Params, state: State, /) -> State:
-        """The state with those variables set that follow from the others, at the start."""
-        return state
-
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]], /) -> State:
         return self.complete(params, self.State(**self._started(start)))
 

@@ -1,4 +1,10 @@
-"""The base of models of a body in an MJCF: the file, compiled once for each content; starts and signals."""
+"""The base of models of a body in an MJCF: the file, compiled once for each content; starts and signals.
+
+Functions import MuJoCo themselves, since that takes time.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
@@ -20,12 +26,6 @@ from gaitsweep.contract import Model, Quantity, Rates
 from gaitsweep.near_miss import suggestion
 from gaitsweep.own_modules import Stamp, stamp_of
 from gaitsweep.skeleton import Skeleton
-
-# MuJoCo's compiled modules come without types.
-# pyright: reportAttributeAccessIssue=false
-
-
-# MuJoCo is imported when a body is made, since that takes time
 
 # The stamps of an MJCF and of all files that it refers to; None for a missing file.
 Stamps: TypeAlias = tuple[Stamp | None, ...]

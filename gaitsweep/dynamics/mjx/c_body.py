@@ -108,7 +108,10 @@ class CBody:
             specification |= mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
             mocap = np.concatenate([self._start.mocap_pos.ravel(), self._start.mocap_quat.ravel()])
             ctrl = np.concatenate([ctrl, np.broadcast_to(mocap, (len(ctrl), mocap.size))], axis=1)
-        data = self._free.pop() if self._free else mujoco.MjData(m)
+        try:
+            data = self._free.pop()
+        except IndexError:
+            data = mujoco.MjData(m)
         try:
             outputs: Any = self._rollout.rollout(
                 models if len(steps) > 1 else models[0],
