@@ -632,6 +632,24 @@ def test_a_model_file_has_its_shortest_contact_and_the_meaning_of_a_fall(tmp_pat
     assert variables_without_rate(model) == ()
 
 
+def test_the_height_of_a_trunk_counts_from_the_plane_of_the_mjcf(tmp_path: Path) -> None:
+    heights = []
+    for z in (0.0, -0.9):
+        floor = ('name="floor" type="plane"', f'name="floor" pos="0 0 {z}" type="plane"')
+        model = walker(tmp_path, floor, ("controller:", "dynamics: stepped\ncontroller:"))
+        params = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+        state = model.init(params, {q.name: jnp.asarray(0.0) for q in model.initial_conditions})
+        heights.append(float(model.observe(params, state)["height"]))
+    assert heights[1] - heights[0] == pytest.approx(0.9, abs=1e-12)
+
+
+def test_the_phase_of_the_first_leg_begins_below_a_turn(tmp_path: Path) -> None:
+    """Beyond one it would never meet the section, which is the end of the first turn."""
+    model = walker(tmp_path, file=("{L: 0, R: pi}", "{L: 2*pi, R: 3*pi}"))
+    _, starts = sampled_points(model, 1)
+    assert [starts[f"phase_{i}_0"][0] for i in (1, 2)] == pytest.approx([0.0, 3.0 * np.pi], abs=1e-12)
+
+
 def test_legs_whose_names_give_no_gaits_are_remarked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -184,14 +184,15 @@ class ControlledBody:
     def _of_trunk(self) -> dict[str, Any]:
         """The section, with the mean speed of each cycle; the trunk's height; and its fall."""
         trunk = _Trunk(self.m)
+        level = _level_of_ground(self.m)
         lowest = self.file.fallen
 
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             place = trunk.place(model.positions(state))
             if not is_uneven(model):
-                return place[2]
+                return place[2] - level
             own = model.own_ground(place[0], place[1])
-            return place[2] - params.ground(place[0]) - (0.0 if own is None else own)
+            return place[2] - params.ground(place[0]) - (level if own is None else own)
 
         observed_height = observable("m", "height of the trunk over the ground", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}
@@ -294,6 +295,17 @@ def _class_name(path: Path) -> str:
     """The name of a model's class from that of its file."""
     words = re.findall(r"[A-Za-z0-9]+", path.stem)
     return identifier("".join(word[:1].upper() + word[1:] for word in words)) or "Walker"
+
+
+def _level_of_ground(m: Any) -> float:
+    """The height (m) of the highest level plane of the world; 0 without one."""
+    import mujoco
+
+    data = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    planes = (m.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (m.body_weldid[m.geom_bodyid] == 0)
+    is_level = data.geom_xmat[:, 8] == 1.0  # the vertical component of its normal
+    return max(data.geom_xpos[planes & is_level, 2].tolist(), default=0.0)
 
 
 class _Trunk:

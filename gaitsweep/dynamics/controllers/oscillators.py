@@ -166,7 +166,9 @@ class PhaseOscillators(_Rhythm):
     kind: Literal["phase"] = Field(description="phase: phase oscillators")
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
-        starts = tuple(f"delta_{leg}" for leg in legs)
+        # the section is the next multiple of a turn that the first leg's phase meets
+        first, *others = (f"delta_{leg}" for leg in legs)
+        starts = (f"{first} % (2*pi)", *others)
         phase = variable("rad", "phase of leg", starts, count=len(legs), circular=True)
         return {**self._parameters(legs), "phase": phase}
 
