@@ -27,6 +27,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.own_modules import Stamp, stamp_of
 from gaitsweep.skeleton import Skeleton
 
+DUST = 1e-15  # rounding errors of constants that should be whole numbers
 # The stamps of an MJCF and of all files that it refers to; None for a missing file.
 Stamps: TypeAlias = tuple[Stamp | None, ...]
 # The files of each MJCF, and their stamps when its references were read.
@@ -172,6 +173,15 @@ def elements_with(m: Any, field: str, absent: float = 0.0) -> list[int]:
     if not values.size:
         return []
     return np.flatnonzero((values.reshape(len(values), -1) != absent).any(axis=1)).tolist()
+
+
+def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """The values with whole numbers in place of those within rounding errors of them.
+
+    So constants keep their zeros and ones, as the axes of elements that are turned.
+    """
+    rounded = np.round(values) + 0.0  # the sum turns -0.0 into 0.0
+    return np.where(np.abs(values - rounded) < DUST, rounded, values)
 
 
 def joint_name(m: Any, joint: int) -> str:

@@ -21,7 +21,7 @@ from gaitsweep.dynamics.declarations import Variable, observable, parameter, sig
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.gaits_by_footfalls import KNOWN_LEGS, SHORTEST_CONTACT, footfalls, have_names
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.dynamics.mjcf import identifier, is_position_servo
+from gaitsweep.dynamics.mjcf import cleaned, identifier, is_position_servo
 from gaitsweep.dynamics.tree import tilt_and_heading
 from gaitsweep.dynamics.tree.spatial import rotation_about, rotation_of
 
@@ -304,7 +304,7 @@ def _level_of_ground(m: Any) -> float:
     data = mujoco.MjData(m)
     mujoco.mj_kinematics(m, data)
     planes = (m.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (m.body_weldid[m.geom_bodyid] == 0)
-    is_level = data.geom_xmat[:, 8] == 1.0  # the vertical component of its normal
+    is_level = cleaned(data.geom_xmat[:, 8]) == 1.0  # the vertical component of its normal
     return max(data.geom_xpos[planes & is_level, 2].tolist(), default=0.0)
 
 
