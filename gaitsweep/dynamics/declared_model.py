@@ -8,7 +8,7 @@ any of them itself.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
-from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
+from gaitsweep.dynamics.declarations import Reading, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
 from gaitsweep.dynamics.noise import StochasticSteps, along_rates
@@ -140,9 +140,6 @@ class DeclaredModel(Declared, HybridModel):
         variables = self.declarations.of_kind(Variable)
         chosen = [(name, variables[name]) for name in self.section_coordinates]
         return chosen or super().section_variables()
-
-    def begun_on_section(self, params: Any, state: Any) -> Any:
-        return self._begun(params, state, crossed=True)
 
     def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
         """The state with its events armed by where it lies and moves.
@@ -343,13 +340,6 @@ class DeclaredModel(Declared, HybridModel):
         return {
             name: reading.function(self, params, state) for name, reading in readings if reading.is_energy
         }
-
-    def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:
-        def image(declared: Symmetry) -> Callable[[Any, Any], Any]:
-            # events are armed by where the image lies and moves
-            return lambda params, state: self._begun(params, declared.function(self, params, state))
-
-        return {name: image(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
 
     def chart(self) -> Chart:
         return SectionCoordinates(self)

@@ -148,6 +148,16 @@ def keyframe_number(m: Any, name: str) -> int | None:
     return names.index(name)
 
 
+def data_at_keyframe(m: Any, number: int | None) -> Any:
+    """MuJoCo's data at a keyframe, or at the reference positions without one."""
+    import mujoco
+
+    data = mujoco.MjData(m)
+    if number is not None:
+        mujoco.mj_resetDataKeyframe(m, data, number)
+    return data
+
+
 def identifier(name: str) -> str:
     """The name of an element of an MJCF as that of a quantity: other characters are underscores."""
     word = re.sub(r"\W", "_", name)

@@ -88,17 +88,11 @@ class ControlledBody:
         """Parameters, variables, rates and control of the oscillators."""
         controller = self.file.controller
         oscillators = controller.oscillators
-        names = tuple(leg.name for leg in self.legs)
+        names = self._leg_names
 
         def rates(model: Any, params: Any, state: Any) -> dict[str, Any]:
             senses = LegSenses(lambda: self._loads(model, params, state), lambda: self._hips(model, state))
             return {**oscillators.rates(names, params, state, senses), "clock": 1.0}
-
-        def period(model: Any, params: Any) -> Float[Array, ""]:
-            return oscillators.period(params)
-
-        def force(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
-            return self._loads(model, params, state)
 
         members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
         if controller.kp is not None and controller.kd is not None:
@@ -111,8 +105,8 @@ class ControlledBody:
             "clock": variable("s", "time since the section", observed=False, signal=False),
             "control": control_of_legs(self.m, self.file, self.targets, self.actuators),
             "rates": rates,
-            "period": period,
-            "force": signal("N", "force of the ground on foot", count=len(names))(force),
+            "period": lambda model, params: oscillators.period(params),
+            "force": signal("N", "force of the ground on foot", count=len(names))(self._loads),
         }
         if oscillators.resets:
             members["landing"] = self._landing()
