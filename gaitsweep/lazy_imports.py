@@ -101,7 +101,7 @@ class Lazy:
                 if not hasattr(loaded, self._member):  # a module of its package
                     importlib.import_module(f"{self._module}.{self._member}")
                 loaded = getattr(loaded, self._member)
-            if self._arguments:
+            if self._arguments or self._options:
                 loaded = loaded(*self._arguments, **self._options)
             self._object = loaded
             for attribute in list(vars(self).values()):  # imported modules of a package are its attributes

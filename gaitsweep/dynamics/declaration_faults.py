@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from gaitsweep.column_meanings import COLUMNS, time_column
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declarations import Variable
+from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
+from gaitsweep.dynamics.noise import Diffusion
 from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.expression import RESERVED
 from gaitsweep.near_miss import suggestion
@@ -35,6 +37,7 @@ def refuse_contradictions(model: type[Declared], added_fields: Collection[str], 
         TypeError: with the names of the declarations.
     """
     _refuse_names(model, added_fields)
+    _refuse_several(model)
     _refuse_events_without_section(model)
     _refuse_footfalls(model, labels=labels)
     _refuse_sliding(model)
@@ -84,13 +87,18 @@ def _refuse_footfalls(model: type[Declared], *, labels: bool) -> None:
         raise TypeError(f"{model.__name__} has footfalls and gaits of its own without label: {remedy}.")
 
 
+def _refuse_several(model: type[Declared]) -> None:
+    """Refuse several declarations of a kind that a model has once."""
+    kinds = {"surfaces of sliding": Sliding, "footfalls": Footfalls, "diffusions": Diffusion}
+    for noun, kind in kinds.items():
+        if len(names := model.declarations.of_kind(kind)) > 1:
+            remedy = "only one is allowed; NAME = None removes that of a base"
+            raise TypeError(f"{model.__name__} declares the {noun} {' and '.join(names)}: {remedy}.")
+
+
 def _refuse_sliding(model: type[Declared]) -> None:
-    """Refuse a surface of sliding that the flow does not know, or beside another."""
-    surfaces = model.declarations.of_kind(Sliding)
-    if len(surfaces) > 1:
-        names = " and ".join(surfaces)
-        raise TypeError(f"{model.__name__} declares the surfaces of sliding {names}; only one is allowed.")
-    for name, surface in surfaces.items():
+    """Refuse a surface of sliding that the flow does not know."""
+    for name, surface in model.declarations.of_kind(Sliding).items():
         if getattr(getattr(model, "flow", None), "sliding", None) is not surface:
             raise TypeError(f"{model.__name__} declares {name} as sliding: write @{name}.flow above flow.")
 

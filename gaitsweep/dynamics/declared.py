@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -265,9 +265,27 @@ class Declared(Model):
         clocks |= set() if feet is None else {feet.clock}
         return [(name, variable) for name, variable in variables.items() if name not in clocks]
 
+    def complete(self, params: Any, state: Any, /) -> Any:
+        """The state with those variables set that follow from the others, at t = 0 and on the section.
+
+        A model with `section_coordinates` sets here what the section fixes, such as the swing leg of a
+        walker whose feet are both on the ground.
+        """
+        return state
+
+    def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:
+        def image(declared: Symmetry) -> Callable[[Any, Any], Any]:
+            return lambda params, state: self._begun(params, declared.function(self, params, state))
+
+        return {name: image(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
+
+    def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
+        """The state with its events armed by where it lies and moves."""
+        return state
+
     def begun_on_section(self, params: Any, state: Any) -> Any:
         """A state on the section, just behind its crossing, with its events armed."""
-        return state
+        return self._begun(params, state, crossed=True)
 
     def params(self, values: Values, /) -> Any:
         return self.Params(**self._gathered(values))

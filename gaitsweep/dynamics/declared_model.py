@@ -8,7 +8,7 @@ any of them itself.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
-from gaitsweep.dynamics.declarations import Reading, Symmetry, Variable
+from gaitsweep.dynamics.declarations import Reading, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
 from gaitsweep.dynamics.noise import StochasticSteps, along_rates
@@ -122,7 +122,11 @@ class DeclaredModel(Declared, HybridModel):
         if events:
             shape = (len(events),)
             fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
-        return self._begun(params, self._on_its_side(params, self.complete(params, self.State(**fields))))
+        return self._begun(params, self._on_its_side(params, self._placed(params, self.State(**fields))))
+
+    def _placed(self, params: Any, state: Any) -> Any:
+        """The state at t = 0 from its initial conditions, before modes and events follow from it."""
+        return self.complete(params, state)
 
     def _on_its_side(self, params: Any, state: Any) -> Any:
         """The state with the mode of sliding that follows from its variables."""
@@ -136,9 +140,6 @@ class DeclaredModel(Declared, HybridModel):
         variables = self.declarations.of_kind(Variable)
         chosen = [(name, variables[name]) for name in self.section_coordinates]
         return chosen or super().section_variables()
-
-    def begun_on_section(self, params: Any, state: Any) -> Any:
-        return self._begun(params, state, crossed=True)
 
     def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
         """The state with its events armed by where it lies and moves.
@@ -162,14 +163,6 @@ class DeclaredModel(Declared, HybridModel):
             return False
         after = Surfaces(self, params, event.jumped(self, params, state))
         return (after.rate(event) <= 0.0) & event.holds(params, state)
-
-    def complete(self, params: Any, state: Any, /) -> Any:
-        """The state with those variables set that follow from the others, at t = 0 and on the section.
-
-        A model with `section_coordinates` sets here what the section fixes, such as the swing leg of a
-        walker whose feet are both on the ground.
-        """
-        return state
 
     def guards(self, params: Any, state: Any, /) -> Float[Array, " guards"]:
         surfaces = Surfaces(self, params, state)
@@ -347,13 +340,6 @@ class DeclaredModel(Declared, HybridModel):
         return {
             name: reading.function(self, params, state) for name, reading in readings if reading.is_energy
         }
-
-    def symmetries(self) -> Mapping[str, Callable[[Any, Any], Any]]:
-        def image(declared: Symmetry) -> Callable[[Any, Any], Any]:
-            # events are armed by where the image lies and moves
-            return lambda params, state: self._begun(params, declared.function(self, params, state))
-
-        return {name: image(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
 
     def chart(self) -> Chart:
         return SectionCoordinates(self)

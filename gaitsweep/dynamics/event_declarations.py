@@ -240,7 +240,8 @@ def instants(
         >>> gs.return_map(Rotor())([1.0, 0.3]).round(6).tolist()
         [1.3, 0.781779]
     """
-    if (every is None) == (not at):
+    times = np.atleast_1d(np.asarray(at, float))
+    if (every is None) == (not times.size):
         raise TypeError(f"The instants {name!r} need either every= or at=.")
     if every is not None and not callable(every):
         raise TypeError(
@@ -250,7 +251,6 @@ def instants(
     if every is None:
         if after:
             raise TypeError(f"The instants {name!r} have after= without every=: add it to the times of at=.")
-        times = np.asarray(at, float)
         return Event(lambda model, p, s: s.t - times, name, section, during, rising=True, count=len(times))
 
     def phase(model: Model, params: Any, state: Any) -> Float[Array, ""]:

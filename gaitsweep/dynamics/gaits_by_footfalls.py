@@ -38,6 +38,7 @@ GAITS = {
 TOGETHER = 1.0 / 16.0
 ALTERNATE = 0.1
 _OF_SIX_LEGS = 1.0 / 12.0
+_ROUNDING = 1e-12  # a difference of two instants of a stride that are the same
 
 # Strides, or periods of the model if these are longer, after a touchdown within which a foot that steps lands
 # again.
@@ -118,6 +119,8 @@ def support_patterns(
     edges = np.unique(np.r_[0.0, np.mod(np.r_[begin, begin + length] - begin.min(), 1.0), 1.0])
     shares: dict[str, float] = {}
     for low, high in itertools.pairwise(edges):
+        if high - low < _ROUNDING:
+            continue
         down = np.mod(0.5 * (low + high) + begin.min() - begin, 1.0) < length
         feet = " ".join(leg for leg, is_down in zip(legs, down, strict=True) if is_down)
         shares[feet] = shares.get(feet, 0.0) + float(high - low)

@@ -122,7 +122,7 @@ def ground_profile(path: str | Path) -> str:
             rows = [(reader.line_num, cells) for cells in reader if cells]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ArgumentError(f"{path} cannot be read as a profile of the ground: {error}.") from None
-    if rows and _is_header(rows[0][1]):
+    if rows and len(rows[0][1]) == 2 and not any(map(_is_number, rows[0][1])):  # names of the columns
         del rows[0]
     numbers: list[float] = []
     for line, cells in rows:
@@ -138,11 +138,6 @@ def ground_profile(path: str | Path) -> str:
     except ArgumentError as error:
         raise ArgumentError(f"{path} is not a profile of the ground: {error}") from None
     return text
-
-
-def _is_header(cells: list[str]) -> bool:
-    """Whether the cells of a row are the names of the two columns."""
-    return len(cells) == 2 and not any(map(_is_number, cells))
 
 
 def _is_number(text: str) -> bool:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar, final
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Real
 
 from gaitsweep.contract import Chart, Params, State, SteppedModel
-from gaitsweep.dynamics.declarations import Symmetry
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
@@ -70,10 +69,6 @@ class MapModel(Declared, SteppedModel):
     def image(self, params: Params, state: State, /) -> Mapping[str, Real[Array, " ..."]]:
         """The variables and modes of the image of a state, by name; the others keep their values."""
 
-    def complete(self, params: Params, state: State, /) -> State:
-        """The state with those variables set that follow from the others, at the start."""
-        return state
-
     def init(self, params: Params, start: Mapping[str, Float[Array, ""]], /) -> State:
         return self.complete(params, self.State(**self._started(start)))
 
@@ -101,12 +96,6 @@ class MapModel(Declared, SteppedModel):
     @final
     def longest_step(self, params: Params, /) -> Float[Array, ""]:
         return self.period(params)
-
-    def symmetries(self) -> Mapping[str, Callable[[Params, State], State]]:
-        def bound(declared: Symmetry) -> Callable[[Params, State], State]:
-            return lambda params, state: declared.function(self, params, state)
-
-        return {name: bound(declared) for name, declared in self.declarations.of_kind(Symmetry).items()}
 
     def chart(self) -> Chart | None:
         return SectionCoordinates(self)

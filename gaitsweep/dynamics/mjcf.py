@@ -1,4 +1,10 @@
-"""The base of models of a body in an MJCF: the file, compiled once for each content; starts and signals."""
+"""The base of models of a body in an MJCF: the file, compiled once for each content; starts and signals.
+
+Functions import MuJoCo themselves, since that takes time.
+"""
+
+# MuJoCo's compiled modules come without types.
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
@@ -21,12 +27,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.own_modules import Stamp, stamp_of
 from gaitsweep.skeleton import Skeleton
 
-# MuJoCo's compiled modules come without types.
-# pyright: reportAttributeAccessIssue=false
-
-
-# MuJoCo is imported when a body is made, since that takes time
-
+DUST = 1e-15  # rounding errors of constants that should be whole numbers
 # The stamps of an MJCF and of all files that it refers to; None for a missing file.
 Stamps: TypeAlias = tuple[Stamp | None, ...]
 # The files of each MJCF, and their stamps when its references were read.
@@ -147,6 +148,16 @@ def keyframe_number(m: Any, name: str) -> int | None:
     return names.index(name)
 
 
+def data_at_keyframe(m: Any, number: int | None) -> Any:
+    """MuJoCo's data at a keyframe, or at the reference positions without one."""
+    import mujoco
+
+    data = mujoco.MjData(m)
+    if number is not None:
+        mujoco.mj_resetDataKeyframe(m, data, number)
+    return data
+
+
 def identifier(name: str) -> str:
     """The name of an element of an MJCF as that of a quantity: other characters are underscores."""
     word = re.sub(r"\W", "_", name)
@@ -172,6 +183,15 @@ def elements_with(m: Any, field: str, absent: float = 0.0) -> list[int]:
     if not values.size:
         return []
     return np.flatnonzero((values.reshape(len(values), -1) != absent).any(axis=1)).tolist()
+
+
+def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """The values with whole numbers in place of those within rounding errors of them.
+
+    So constants keep their zeros and ones, as the axes of elements that are turned.
+    """
+    rounded = np.round(values) + 0.0  # the sum turns -0.0 into 0.0
+    return np.where(np.abs(values - rounded) < DUST, rounded, values)
 
 
 def joint_name(m: Any, joint: int) -> str:

@@ -11,7 +11,7 @@ and 1. Source: Kloeden and Platen 1992, Numerical Solution of Stochastic Differe
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
 import jax
@@ -45,10 +45,10 @@ class NoisePath:
 class Diffusion:
     """The declared noise of a flow; see `diffusion`."""
 
-    function: Callable[..., Rates]
+    function: Callable[..., Mapping[str, Any]]
 
 
-def diffusion(function: Callable[..., Rates]) -> Any:
+def diffusion(function: Callable[..., Mapping[str, Any]]) -> Any:
     """Declare a function (params, state) -> intensities of white noise in the flow, by name of variable.
 
     A variable x with the rate f and the intensity g follows the Ito equation dx = f dt + g dW, with a Wiener

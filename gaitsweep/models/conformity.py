@@ -88,7 +88,9 @@ def _returns(name: str, result: object, required: str) -> _Fault:
 
 def _type_of(result: object) -> str:
     """The name of a result's type, for a message."""
-    return "nothing" if result is None else type(result).__name__
+    if result is None:
+        return "nothing"
+    return "an array" if isinstance(result, jax.ShapeDtypeStruct) else type(result).__name__
 
 
 def fault(model: Model) -> str | None:
@@ -150,7 +152,7 @@ def _trace_functions(model: Model) -> None:
             _refuse_functions_of_init(declared, params, _bare_state(declared))
         raise
     if not dataclasses.is_dataclass(state):
-        raise _returns("init", type(state).__name__, "a frozen dataclass")
+        raise _returns("init", _type_of(state), "a frozen dataclass")
     if isinstance(model, Declared):
         _require_event_functions(model, params, state)
     rates: Mapping[str, Any] = {}
@@ -158,6 +160,7 @@ def _trace_functions(model: Model) -> None:
         rates = _traced_result("flow", model.flow, params, state)
         _require_rates(state, rates)
     if isinstance(model, Declared):
+        _require_intensities(model, params, state)
         _require_jump_functions(model, params, state)
     events = _event_flags(model, params, state)
     _require_like("jump", state, _traced_result("jump", model.jump, params, state, events))
@@ -230,6 +233,13 @@ def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:
     _require_jump_functions(model, params, state)
 
 
+def _require_intensities(model: Declared, params: Any, state: Any) -> None:
+    """Refuse intensities of noise that are no mapping from continuous fields, or of another shape."""
+    if (noise := model.declarations.diffusion) is not None:
+        intensities = _traced_result("diffusion", lambda p, s: noise.function(model, p, s), params, state)
+        _require_by_field("diffusion", "an intensity", state, intensities)
+
+
 def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:
     """Refuse jumps of events that do not return a state, by the events' names."""
     for event in model.declarations.events:
@@ -300,21 +310,36 @@ def _require_image(state: Any, image: Any) -> None:
             raise _Fault(f"image returns a value of {name}, which is not a field of its state{near}")
 
 
-def _require_rates(state: Any, rates: Any) -> None:
-    """Refuse rates that are no mapping from continuous fields of a state, or of another shape or type."""
+def _require_by_field(function: str, noun: str, state: Any, values: Any) -> None:
+    """Refuse values that are no mapping from continuous fields of a state, or of another shape.
+
+    Args:
+        function: the name of the function that returns them.
+        noun: that of a value, such as "a rate".
+        state: the state.
+        values: the values by field.
+    """
     fields = list(vars(state))
-    if not isinstance(rates, Mapping):
-        raise _returns("flow", _type_of(rates), "a mapping from fields of the state to rates")
-    for name, rate in rates.items():
+    if not isinstance(values, Mapping):
+        raise _returns(function, _type_of(values), f"a mapping from fields of the state, each to {noun}")
+    for name, value in values.items():
+        returned = f"{function} returns {noun} of {name}"
         if name not in fields:
             near = near_miss.suggestion(str(name), _continuous_fields(state))
-            raise _Fault(f"flow returns a rate of {name}, which is not a field of its state{near}")
+            raise _Fault(f"{returned}, which is not a field of its state{near}")
         if name not in _continuous_fields(state):
-            raise _Fault(f"flow returns a rate of {name}, which is a mode: only jump can change it.")
+            raise _Fault(f"{returned}, which is a mode: only jump can change it.")
+        if not hasattr(value, "shape"):
+            raise _Fault(f"{returned} as {_type_of(value)}, but must return one array: use jnp.stack.")
         shape = jnp.shape(getattr(state, name))
-        if rate.shape not in (shape, ()):
-            other = f"shape {rate.shape}, but the field has shape {shape}"
-            raise _Fault(f"flow returns a rate of {name} with {other}.")
+        if value.shape not in (shape, ()):
+            raise _Fault(f"{returned} with shape {value.shape}, but the field has shape {shape}.")
+
+
+def _require_rates(state: Any, rates: Any) -> None:
+    """Refuse rates that are no mapping from continuous fields of a state, or of another shape or type."""
+    _require_by_field("flow", "a rate", state, rates)
+    for name, rate in rates.items():
         if (kind := _kind_of_numbers(rate)) != "real numbers":
             zero = ": write 1.0 instead of 1" if kind == "whole numbers" else ""
             raise _returns("flow", f"the rate of {name} as {kind}", f"real numbers{zero}")

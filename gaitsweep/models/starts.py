@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitsweep.contract import Model
 from gaitsweep.dynamics.body.body_model import BodyModel
-from gaitsweep.dynamics.declared_model import DeclaredModel
+from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.mjcf import OfMjcf, compiled_mjcf, element_name, height_start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.program import Program
@@ -56,7 +56,7 @@ def _idle_starts(model: Model) -> list[str]:
 
 def sets_starts(model: Model) -> str:
     """The function that sets the starts in `idle_starts`."""
-    own = isinstance(model, DeclaredModel) and type(model).complete is not DeclaredModel.complete
+    own = isinstance(model, Declared) and type(model).complete is not Declared.complete
     return "complete" if own else "init"
 
 

@@ -652,6 +652,31 @@ def test_a_biped_stands_on_the_targets_of_its_servos() -> None:
     assert leaning is not Standing.stands
 
 
+@pytest.mark.slow
+def test_variables_and_events_of_a_body_that_begins_standing_follow_from_its_rest() -> None:
+    """A ball that starts 5 cm above the ground has not landed: it has been down since before the start."""
+    ball = (
+        '<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body pos="0 0 .1">'
+        '<joint name="z" type="slide" axis="0 0 1"/><geom name="foot" size=".1" mass="1"/></body>'
+        "</worldbody></mujoco>"
+    )
+    lands = gs.event("foot lands")(lambda self, p, s: self.depth(p, s, "foot"))
+    lands.jump(lambda self, p, s: s)
+    members = {
+        "begins_standing": True,
+        "control": lambda self, p, s: jnp.zeros(0),
+        "lands": lands,
+        "begin": gs.variable("m", "height at the start", held=True),
+        "complete": lambda self, p, s: s.replace(begin=s.q[0]),
+    }
+    model = of(ball, **members)
+    params, state = begun(model, z_0=0.05)
+    assert -0.01 < float(state.begin) == float(state.q[0]) < 0.0
+    assert bool(state.pushing[0])
+    guards = np.asarray(model.guards(params, state))
+    assert (guards[np.array(model.guard_names) == "foot lands"] < 0.0).all()
+
+
 def test_planes_with_different_friction_under_one_geom_are_refused() -> None:
     """A geom of located contacts has one friction and one softness."""
     floor = '<geom name="floor" type="plane" size="5 5 .1" friction=".2"/>'

@@ -271,6 +271,16 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "{kind: matsuoka, rise: 0.05}\n",
             r"line 4: controller\.oscillators\.adaptation is missing",
         ),
+        (
+            f"{PHASES}\n",
+            "{kind: matsuoka, rise: 0.05, adaptation: 0.5, hip_rest: 0.1}\n",
+            r"line 4: controller\.oscillators has hip_rest, .* give hip, too",
+        ),
+        (
+            f"{PHASES}\n",
+            "{kind: matsuoka, rise: 0.05, adaptation: 0.5, between: -1}\n",
+            r"line 4: controller\.oscillators has between, .* give inhibited, too",
+        ),
         (f"{PHASES}\n", f"{MATSUOKA}\n", r"line 9: controller\.legs\.L has no hip, .* write hip: JOINT"),
     ],
 )
@@ -357,6 +367,18 @@ def test_a_model_file_says_that_rows_begin_standing(tmp_path: Path) -> None:
         (tmp_path / f"{start}.yaml").write_text(f"{text}\nstart: {start}\n")
         kinds.append(model_of_file(tmp_path / f"{start}.yaml"))
     assert [kind.begins_standing for kind in kinds] == [False, True]
+
+
+def test_the_first_cycle_of_a_stepped_trunk_begins_at_its_start(tmp_path: Path) -> None:
+    """The mean speed of that cycle counts from there."""
+    text = (WALKERS / "biped.yaml").read_text()
+    (tmp_path / "biped.yaml").write_text(f"{text}\ndynamics: stepped\n")
+    (tmp_path / "biped.xml").write_bytes((WALKERS / "biped.xml").read_bytes())
+    model = model_of_file(tmp_path / "biped.yaml")()
+    values = {q.name: jnp.asarray(q.default, float) for q in model.parameters}
+    starts = {q.name: jnp.asarray(0.0) for q in model.initial_conditions}
+    state = model.init(model.params(values), {**starts, "x_0": jnp.asarray(0.7)})
+    np.testing.assert_allclose(state.begin, [0.7, 0.0], rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -608,6 +630,24 @@ def test_a_model_file_has_its_shortest_contact_and_the_meaning_of_a_fall(tmp_pat
     assert model.declarations.feet.shortest_contact == 0.1
     assert type(model).failed.__doc__ == "The trunk sank below `fallen` = 0.5 m."
     assert variables_without_rate(model) == ()
+
+
+def test_the_height_of_a_trunk_counts_from_the_plane_of_the_mjcf(tmp_path: Path) -> None:
+    heights = []
+    for z in (0.0, -0.9):
+        floor = ('name="floor" type="plane"', f'name="floor" pos="0 0 {z}" type="plane"')
+        model = walker(tmp_path, floor, ("controller:", "dynamics: stepped\ncontroller:"))
+        params = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+        state = model.init(params, {q.name: jnp.asarray(0.0) for q in model.initial_conditions})
+        heights.append(float(model.observe(params, state)["height"]))
+    assert heights[1] - heights[0] == pytest.approx(0.9, abs=1e-12)
+
+
+def test_the_phase_of_the_first_leg_begins_below_a_turn(tmp_path: Path) -> None:
+    """Beyond one it would never meet the section, which is the end of the first turn."""
+    model = walker(tmp_path, file=("{L: 0, R: pi}", "{L: 2*pi, R: 3*pi}"))
+    _, starts = sampled_points(model, 1)
+    assert [starts[f"phase_{i}_0"][0] for i in (1, 2)] == pytest.approx([0.0, 3.0 * np.pi], abs=1e-12)
 
 
 def test_legs_whose_names_give_no_gaits_are_remarked(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
-from gaitsweep import DeclaredModel, event, mode, observable, parameter, signal, variable
+from gaitsweep import DeclaredModel, diffusion, event, mode, observable, parameter, signal, variable
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declaration_faults import OF_TRACES
@@ -281,6 +281,10 @@ def _flows(**rates):
     return {"flow": lambda self, p, s: {"z": s.v, "v": -p.g} | {k: rate(s) for k, rate in rates.items()}}
 
 
+def _diffuses(**intensities):
+    return diffusion(lambda self, p, s: {k: jnp.asarray(value) for k, value in intensities.items()})
+
+
 def _jumps(effect):
     """An event "is high" with this jump."""
     high = event("is high")(lambda self, p, s: s.z - 2.0)
@@ -304,6 +308,13 @@ FAULTS = {
     "but its function flow returns tuple, but": {"flow": lambda self, p, s: (s.v, -p.g)},
     "but its function flow returns nothing, but": {"flow": lambda self, p, s: None},
     "flow returns a rate of z with shape \\(2,\\), but": _flows(z=lambda s: jnp.stack([s.v, s.v])),
+    "flow returns a rate of z as tuple, but must return one array": _flows(z=lambda s: (s.v, s.v)),
+    "diffusion returns an intensity of w, which is not a field": {"noise": _diffuses(w=0.1)},
+    "diffusion returns an intensity of n, which is a mode": {
+        "n": mode(0, "a number"),
+        "noise": _diffuses(n=0.1),
+    },
+    "diffusion returns an intensity of z with shape \\(2,\\), but": {"noise": _diffuses(z=np.ones(2))},
     "but its function flow raises TracerBool.* Use jnp.where": _flows(v=lambda s: -1.0 if s.z > 0 else 1.0),
     "the jump of 'is high' returns nothing": {"high": _jumps(lambda self, p, s: None)},
     "the jump of 'is high' raises .* no field w": {"high": _jumps(lambda self, p, s: s.replace(w=0.0))},
@@ -374,6 +385,10 @@ REFUSED_AT_ONCE = {
     r'count="M", which is not a field of its structure\. Allowed: N': {
         "__annotations__": {"N": "int"},
         "k": parameter("1", "k", 1.0, count="M"),
+    },
+    "declares the diffusions noise and gusts: only one is allowed": {
+        "noise": diffusion(lambda self, p, s: {"z": 0.1}),
+        "gusts": diffusion(lambda self, p, s: {"v": 0.1}),
     },
     "z has 2 start values, but 3 numbers": {"z": variable("m", "z", (1.0, 2.0), count=3)},
 }
@@ -571,6 +586,8 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
         gs.instants("kick", every=interval)
     with pytest.raises(TypeError, match="'kick' have after= without every="):
         gs.instants("kick", at=[1.0], after=0.5)
+    several: Any = np.array([1.0, 2.0])
+    assert [gs.instants("kick", at=at).count for at in (several, [3.0])] == [2, 1]
     with pytest.raises(ValueError, match="z has 2 start values, but 3 numbers"):
         _ = Balls(N=3).initial_conditions
     with pytest.raises(ValueError, match="legs has 2 start values, but 3 numbers"):

@@ -204,6 +204,8 @@ def test_support_patterns_are_the_feet_that_are_down() -> None:
             "LF RF RH": 0.125, "RF RH": 0.125, "RF LH RH": 0.125, "RF LH": 0.125,
         }
     )  # fmt: skip
+    # 0.11 + 0.5 is not 0.61 to the last bit
+    assert set(support_patterns([0.61, 0.11], [0.5, 0.5], LEGS[2])) == {"L", "R"}
 
 
 def test_footfalls_that_are_not_numbers_have_no_gait() -> None:

@@ -320,10 +320,13 @@ def test_no_fixed_point_is_sought_over_steps() -> None:
         gs.return_map(of(planar(FLOOR + STEP))).fixed_points([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(("tilt", "covered"), [(0, True), (10, False)])
-def test_places_of_a_free_body_are_left_out_on_level_planes_alone(tilt: float, covered: bool) -> None:
+# MuJoCo's matrix of a turn about z has a rounding error, above or below, in the vertical component of z
+@pytest.mark.parametrize(
+    ("turn", "covered"), [("0 0 0", True), ("0 10 0", False), ("0 0 5", True), ("0 0 20", True)]
+)
+def test_places_of_a_free_body_are_left_out_on_level_planes_alone(turn: str, covered: bool) -> None:
     """Along an inclined plane, its height would change with its place."""
-    plane = f'<geom type="plane" size="9 9 .1" euler="0 {tilt} 0"/>'
+    plane = f'<geom type="plane" size="9 9 .1" euler="{turn}"/>'
     model = of(world(plane, f'<body name="b"><freejoint name="root"/>{BALL}</body>'))
     level: Any = types.SimpleNamespace(body={"slope": jnp.zeros(())})
     upright = types.SimpleNamespace(q=jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))

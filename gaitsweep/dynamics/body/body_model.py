@@ -370,13 +370,15 @@ class BodyModel(OfMjcf, DeclaredModel):
         q, v = self.started_at(start)
         return {**super()._started(start), "q": q, "v": v}
 
-    def init(self, params: Any, start: Values, /) -> Any:
-        state = super().init(params, start)
+    def _placed(self, params: Any, state: Any) -> Any:
+        state = self.complete(params, state)
         if self.begins_standing:
             at_rest = self.standing_still(params, state)
             # a row whose body does not stand has no start
             q = jnp.where(at_rest.standing == Standing.stands, at_rest.q, jnp.nan)
-            state = state.replace(q=q, v=state.v + at_rest.v)
+            v = state.v + at_rest.v
+            # other variables may follow from the place of the rest
+            state = self.complete(params, state.replace(q=q, v=v)).replace(q=q, v=v)
         # a part that begins in the ground is pushed from the start
         heights = self.body.heights(params.body, state.q, state.v, params.ground)
         state = state.replace(pushing=heights > 0.0)

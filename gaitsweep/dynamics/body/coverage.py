@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, cleaned, surface_of
-from gaitsweep.dynamics.mjcf import element_name, elements_with, named
+from gaitsweep.dynamics.body.surfaces import Box, Edge, Plane, Surface, surface_of
+from gaitsweep.dynamics.mjcf import cleaned, element_name, elements_with, named
 
 _GEOM = mujoco.mjtGeom
 _OFF = mujoco.mjtDisableBit

@@ -16,10 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.dynamics.ground import MOST_POINTS, ROUNDING, Ground, Profile
-from gaitsweep.dynamics.mjcf import named
+from gaitsweep.dynamics.mjcf import DUST, cleaned, named
 from gaitsweep.dynamics.tree import Array, Scalar
-
-_DUST = 1e-15  # rounding errors of constants that should be zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +105,7 @@ class Box:
             for signs in itertools.product((-1.0, 1.0), repeat=2):
                 aside = self.axes @ (self.half * np.insert(signs, k, 0.0))
                 half = float(self.half[k])
-                if self.centre[2] + aside[2] + half * abs(along[2]) > level + _DUST:
+                if self.centre[2] + aside[2] + half * abs(along[2]) > level + DUST:
                     result.append(Edge(self.centre + aside, along, half, self.margin))
         return result
 
@@ -277,11 +275,6 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
     )
     twists = cleaned(np.diff(np.diff(heights, axis=0), axis=1))
     return Relief(centre, np.array([half_x, half_y]), float(heights[0, 0]), along_x, along_y, twists, margin)
-
-
-def cleaned(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """The values with zeros in place of rounding errors, so that constants keep their zeros."""
-    return np.where(np.abs(values) < _DUST, 0.0, values)
 
 
 def _above_tangent(above: Scalar, slope: Array, slope_y: Array | None = None) -> tuple[Array, Scalar]:

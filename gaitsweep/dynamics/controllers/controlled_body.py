@@ -21,7 +21,7 @@ from gaitsweep.dynamics.declarations import Variable, observable, parameter, sig
 from gaitsweep.dynamics.event_declarations import event
 from gaitsweep.dynamics.gaits_by_footfalls import KNOWN_LEGS, SHORTEST_CONTACT, footfalls, have_names
 from gaitsweep.dynamics.ground import is_uneven
-from gaitsweep.dynamics.mjcf import identifier, is_position_servo
+from gaitsweep.dynamics.mjcf import cleaned, identifier, is_position_servo
 from gaitsweep.dynamics.tree import tilt_and_heading
 from gaitsweep.dynamics.tree.spatial import rotation_about, rotation_of
 
@@ -88,17 +88,11 @@ class ControlledBody:
         """Parameters, variables, rates and control of the oscillators."""
         controller = self.file.controller
         oscillators = controller.oscillators
-        names = tuple(leg.name for leg in self.legs)
+        names = self._leg_names
 
         def rates(model: Any, params: Any, state: Any) -> dict[str, Any]:
             senses = LegSenses(lambda: self._loads(model, params, state), lambda: self._hips(model, state))
             return {**oscillators.rates(names, params, state, senses), "clock": 1.0}
-
-        def period(model: Any, params: Any) -> Float[Array, ""]:
-            return oscillators.period(params)
-
-        def force(model: Any, params: Any, state: Any) -> Float[Array, " legs"]:
-            return self._loads(model, params, state)
 
         members: dict[str, Any] = {**oscillators.declarations(names), **self.targets.declarations()}
         if controller.kp is not None and controller.kd is not None:
@@ -111,8 +105,8 @@ class ControlledBody:
             "clock": variable("s", "time since the section", observed=False, signal=False),
             "control": control_of_legs(self.m, self.file, self.targets, self.actuators),
             "rates": rates,
-            "period": period,
-            "force": signal("N", "force of the ground on foot", count=len(names))(force),
+            "period": lambda model, params: oscillators.period(params),
+            "force": signal("N", "force of the ground on foot", count=len(names))(self._loads),
         }
         if oscillators.resets:
             members["landing"] = self._landing()
@@ -184,14 +178,15 @@ class ControlledBody:
     def _of_trunk(self) -> dict[str, Any]:
         """The section, with the mean speed of each cycle; the trunk's height; and its fall."""
         trunk = _Trunk(self.m)
+        level = _level_of_ground(self.m)
         lowest = self.file.fallen
 
         def height(model: Any, params: Any, state: Any) -> Float[Array, ""]:
             place = trunk.place(model.positions(state))
             if not is_uneven(model):
-                return place[2]
+                return place[2] - level
             own = model.own_ground(place[0], place[1])
-            return place[2] - params.ground(place[0]) - (0.0 if own is None else own)
+            return place[2] - params.ground(place[0]) - (level if own is None else own)
 
         observed_height = observable("m", "height of the trunk over the ground", scale=0.1, signal=True)
         members: dict[str, Any] = {"turn": self._section(trunk)}
@@ -294,6 +289,17 @@ def _class_name(path: Path) -> str:
     """The name of a model's class from that of its file."""
     words = re.findall(r"[A-Za-z0-9]+", path.stem)
     return identifier("".join(word[:1].upper() + word[1:] for word in words)) or "Walker"
+
+
+def _level_of_ground(m: Any) -> float:
+    """The height (m) of the highest level plane of the world; 0 without one."""
+    import mujoco
+
+    data = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    planes = (m.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (m.body_weldid[m.geom_bodyid] == 0)
+    is_level = cleaned(data.geom_xmat[:, 8]) == 1.0  # the vertical component of its normal
+    return max(data.geom_xpos[planes & is_level, 2].tolist(), default=0.0)
 
 
 class _Trunk:

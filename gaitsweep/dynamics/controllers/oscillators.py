@@ -10,15 +10,15 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gaitsweep.dynamics import matsuoka
 from gaitsweep.dynamics.declarations import parameter, variable
-from gaitsweep.schema.numbers import NotNegative, Positive, Real, Text
+from gaitsweep.schema.numbers import NotNegative, Positive, Real, Text, wrong_value
 from gaitsweep.schema.strict_model import Registry, StrictModel
 
 HIP = "hip"  # role of the joint whose angle is fed back, and which a path of the foot moves
@@ -166,7 +166,9 @@ class PhaseOscillators(_Rhythm):
     kind: Literal["phase"] = Field(description="phase: phase oscillators")
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
-        starts = tuple(f"delta_{leg}" for leg in legs)
+        # the section is the next multiple of a turn that the first leg's phase meets
+        first, *others = (f"delta_{leg}" for leg in legs)
+        starts = (f"{first} % (2*pi)", *others)
         phase = variable("rad", "phase of leg", starts, count=len(legs), circular=True)
         return {**self._parameters(legs), "phase": phase}
 
@@ -276,6 +278,15 @@ class MatsuokaOscillators(Oscillators):
     hip_rest: Real = Field(default=0.0, description="hip angle without feedback, rad: the parameter theta0")
     load: Real | None = Field(default=None, description="feedback of the load, 1/N: k2; left out: none")
 
+    @model_validator(mode="after")
+    def _refuse_idle_fields(self) -> Self:
+        """Refuse fields of a feedback or a coupling that there is not."""
+        if "hip_rest" in self.model_fields_set and self.hip is None:
+            raise wrong_value("has hip_rest, the rest of a feedback that it has not: give hip, too.")
+        if "between" in self.model_fields_set and not self.inhibited:
+            raise wrong_value("has between, the weight of no pair: give inhibited, too, such as [[L, R]].")
+        return self
+
     @property
     def resets(self) -> bool:
         return False
@@ -300,10 +311,11 @@ class MatsuokaOscillators(Oscillators):
             "b": parameter("1", "gain of the fatigue", self.fatigue),
             "gamma_": parameter("1", "weight between extensor and flexor", self.mutual),
             "drive": parameter("1", "tonic drive", self.drive, low=0.0, open_ends=True),
-            "between": parameter("1", "weight between the legs of a pair", self.between),
             "u": variable("1", "potential of half-centre", starts, count=2 * n, scale=1.0),
             "f": variable("1", "fatigue of half-centre", 0.0, count=2 * n, scale=1.0),
         }
+        if self.inhibited:
+            declared["between"] = parameter("1", "weight between the legs of a pair", self.between)
         if self.hip is not None:
             declared["k1"] = parameter("1/rad", "feedback of the hips' angles", self.hip)
             declared["theta0"] = parameter("rad", "hip angle without feedback", self.hip_rest)

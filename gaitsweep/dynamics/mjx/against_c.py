@@ -26,6 +26,7 @@ import numpy as np
 
 from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.contract import Quantity
+from gaitsweep.dynamics.mjcf import data_at_keyframe
 from gaitsweep.dynamics.mjx.mjx_body import BodyState
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
 from gaitsweep.expression import resolve
@@ -298,9 +299,7 @@ def _keyframe_starts(m: mujoco.MjModel) -> Iterator[Start]:
     if not m.nkey:
         yield "the start", mujoco.MjData(m)
     for i in range(m.nkey):
-        data = mujoco.MjData(m)
-        mujoco.mj_resetDataKeyframe(m, data, i)
-        yield f"keyframe '{m.key(i).name or i}'", data
+        yield f"keyframe '{m.key(i).name or i}'", data_at_keyframe(m, i)
 
 
 def _random_starts(m: mujoco.MjModel, at_start: mujoco.MjData) -> Iterator[Start]:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from mujoco import rollout
 
+from gaitsweep.dynamics.mjcf import data_at_keyframe
 from gaitsweep.dynamics.mjx.mjx_body import BodyState, Numbers
 
 _LARGEST = 1e10  # mjMAXVAL, beyond which MuJoCo warns in a file and on the terminal
@@ -57,10 +58,7 @@ class CBody:
 
     def at_start(self) -> Any:
         """MuJoCo's own data at the start."""
-        data = mujoco.MjData(self.mj_model)
-        if self._keyframe is not None:
-            mujoco.mj_resetDataKeyframe(self.mj_model, data, self._keyframe)
-        return data
+        return data_at_keyframe(self.mj_model, self._keyframe)
 
     def step(
         self, numbers: Numbers, state: BodyState, dt: Float[Array, ""], *, ctrl: Float[Array, " nu"]
@@ -108,7 +106,10 @@ class CBody:
             specification |= mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT
             mocap = np.concatenate([self._start.mocap_pos.ravel(), self._start.mocap_quat.ravel()])
             ctrl = np.concatenate([ctrl, np.broadcast_to(mocap, (len(ctrl), mocap.size))], axis=1)
-        data = self._free.pop() if self._free else mujoco.MjData(m)
+        try:
+            data = self._free.pop()
+        except IndexError:
+            data = mujoco.MjData(m)
         try:
             outputs: Any = self._rollout.rollout(
                 models if len(steps) > 1 else models[0],

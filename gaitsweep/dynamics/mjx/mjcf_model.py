@@ -162,7 +162,8 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     def init(self, params: Any, start: Values, /) -> Any:
         body = self.stepped_body
         sensors = jnp.zeros(body.mj_model.nsensordata)
-        return self.State(**self._started(start), body=body.start(*self.started_at(start)), sensors=sensors)
+        fields = {**self._started(start), BODY: body.start(*self.started_at(start)), SENSORS: sensors}
+        return self.complete(params, self.State(**fields))
 
     def step(self, params: Any, state: Any, dt: Float[Array, ""], /) -> Any:
         return self.step_with({}, params, state, dt)

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaitsweep.dynamics.mjcf import compiled
+from gaitsweep.dynamics.mjcf import compiled, data_at_keyframe
 from gaitsweep.dynamics.mjx.corrections import mjx as mjx
 from gaitsweep.dynamics.mjx.corrections import replace_contacts, runge_kutta
 from gaitsweep.dynamics.mjx.refusals import HARMLESS, refusals, untraceable
@@ -125,10 +125,7 @@ class MjxBody:
 
     def at_start(self) -> mujoco.MjData:
         """MuJoCo's own data at the start."""
-        data = mujoco.MjData(self.mj_model)
-        if self._keyframe is not None:
-            mujoco.mj_resetDataKeyframe(self.mj_model, data, self._keyframe)
-        return data
+        return data_at_keyframe(self.mj_model, self._keyframe)
 
     @property
     def _constrained(self) -> bool:

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from gaitsweep.dynamics.mjcf import compiled, element_name, named
+from gaitsweep.dynamics.mjcf import DUST, cleaned, compiled, element_name, named
 from gaitsweep.dynamics.tree.articulated_tree import WORLD, Geometry, Kind, Link, Row, Tree
 
 _KINDS: dict[int, Kind] = {
@@ -26,7 +26,6 @@ _KINDS: dict[int, Kind] = {
 }
 _OFF = mujoco.mjtDisableBit
 _UNSUPPORTED = "which an articulated tree does not support"
-_DUST = 1e-15  # rounding error of the zeros and ones in the rotation matrix of a right angle
 
 
 def tree_of(source: mujoco.MjModel | str | Path) -> tuple[Tree, Geometry]:
@@ -87,7 +86,7 @@ def _numbers(m: mujoco.MjModel, body: int, j: int | None, begins: bool, ends: bo
     heavy = ends and m.body_weldid[body] != 0
     principal = _rotation(m.body_iquat[body])
     inertia = principal @ np.diag(m.body_inertia[body]) @ principal.T
-    inertia[np.abs(inertia) < _DUST * np.abs(inertia).max()] = 0.0
+    inertia[np.abs(inertia) < DUST * np.abs(inertia).max()] = 0.0
     return {
         "mass": m.body_mass[body] * heavy,
         "com": m.body_ipos[body] * heavy,
@@ -153,16 +152,10 @@ def _rotation(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
     """The rotation matrix of a quaternion (w, x, y, z)."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
-    return _dusted(matrix.reshape(3, 3))
+    return cleaned(matrix.reshape(3, 3))
 
 
 def _row(vector: np.ndarray) -> Row:
     """The three numbers of a vector, without rounding errors of whole numbers."""
-    x, y, z = _dusted(vector).tolist()
+    x, y, z = cleaned(vector).tolist()
     return x, y, z
-
-
-def _dusted(values: np.ndarray) -> np.ndarray:
-    """Values of which those within `_DUST` of a whole number are that number."""
-    rounded = np.round(values)
-    return np.where(np.abs(values - rounded) < _DUST, rounded, values)
