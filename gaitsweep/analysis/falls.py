@@ -15,6 +15,7 @@ from gaitsweep.analysis.records import (
     panels_of,
     require,
     require_numbers,
+    require_rows,
     with_constants,
 )
 from gaitsweep.status import Status
@@ -147,8 +148,7 @@ def _walks(
     table = with_constants(table, by)
     require(table, "status", *by)
     require_numbers(table, "cycles")
-    if table.empty:
-        raise AnalysisError("The table has no rows.")
+    require_rows(table)
     if without := np.count_nonzero(table["cycles"].isna()):
         raise AnalysisError(f"{without} rows have no number of cycles: leave them out.")
     status = table["status"].astype(str).to_numpy()

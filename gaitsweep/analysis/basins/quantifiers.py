@@ -20,7 +20,7 @@ from gaitsweep.analysis.basins.basin_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_columns
-from gaitsweep.analysis.records import AnalysisError, require, require_numbers
+from gaitsweep.analysis.records import AnalysisError, require, require_numbers, require_rows
 from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
@@ -62,8 +62,7 @@ def quantifiers(
         raise AnalysisError(f"within is {within:g} s, but must be above 0.")
     require(table, "status", "t_end")
     require_numbers(table, parameter)
-    if table.empty:
-        raise AnalysisError("The table has no rows.")
+    require_rows(table)
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
         table = table.assign(**{label: column.astype(object).to_numpy()})
@@ -114,7 +113,8 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     """The table without the outcomes of rows that took longer than `within` (s)."""
     outcomes = np.array(table[label].astype(object))
     outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
-    return table.assign(**{label: outcomes})
+    # the table's own outcomes are those of all rows, whatever their times
+    return table.drop(columns="outcome", errors="ignore").assign(**{label: outcomes})
 
 
 def _records(
