@@ -143,8 +143,8 @@ def rare_falls(
 
     Raises:
         TooFewFallsError: too few falls were met with every factor, or all rows fell at once.
-        AnalysisError: an argument is not allowed, or a step ended neither at a crossing, nor by a fall, nor at
-            the limit of time.
+        AnalysisError: an argument is not allowed, or a step ended neither at a crossing, nor by a fall, nor
+            at the limit of time.
     """
     names = [quantity.name for quantity in mapping.model.parameters]
     for name in (noise, seed):
