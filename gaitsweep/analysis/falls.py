@@ -22,7 +22,6 @@ from gaitsweep.status import Status
 
 # Largest share of rows whose run may end before they have made the steps or fallen.
 MOST_OPEN = 0.05
-_COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
 
 
 def steps_to_fall(
@@ -80,7 +79,7 @@ def steps_to_fall(
         record["low"] = 1.0 / high
         record["high"] = 1.0 / low if low > 0.0 else np.inf
         records.append(record)
-    return pd.DataFrame(records, columns=[*by, *_COLUMNS])
+    return pd.DataFrame(records, columns=[*by, "rows", "falls", "tried", "steps", "low", "high"])
 
 
 def survival(
