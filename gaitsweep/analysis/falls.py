@@ -15,13 +15,13 @@ from gaitsweep.analysis.records import (
     panels_of,
     require,
     require_numbers,
+    require_rows,
     with_constants,
 )
 from gaitsweep.status import Status
 
 # Largest share of rows whose run may end before they have made the steps or fallen.
 MOST_OPEN = 0.05
-_COLUMNS = ["rows", "falls", "tried", "steps", "low", "high"]
 
 
 def steps_to_fall(
@@ -79,7 +79,7 @@ def steps_to_fall(
         record["low"] = 1.0 / high
         record["high"] = 1.0 / low if low > 0.0 else np.inf
         records.append(record)
-    return pd.DataFrame(records, columns=[*by, *_COLUMNS])
+    return pd.DataFrame(records, columns=[*by, "rows", "falls", "tried", "steps", "low", "high"])
 
 
 def survival(
@@ -147,8 +147,7 @@ def _walks(
     table = with_constants(table, by)
     require(table, "status", *by)
     require_numbers(table, "cycles")
-    if table.empty:
-        raise AnalysisError("The table has no rows.")
+    require_rows(table)
     if without := np.count_nonzero(table["cycles"].isna()):
         raise AnalysisError(f"{without} rows have no number of cycles: leave them out.")
     status = table["status"].astype(str).to_numpy()

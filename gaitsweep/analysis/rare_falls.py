@@ -49,7 +49,7 @@ class TooFewFallsError(AnalysisError):
 class RareFalls:
     """The chance of a fall in a step, and the most likely way to it.
 
-    Args:
+    Attributes:
         chance, low, high: the chance of a fall in a step, and its confidence interval; steps that end neither
             at a crossing nor by a fall count as falls in `high`.
         falls: the number of falls behind it.
@@ -57,7 +57,7 @@ class RareFalls:
         simulated: steps that were simulated.
         way_out: one record for each of the last steps before a fall: step (0 is that of the fall), and the
             weighted means over all falls of the numbers drawn there, `draw_1`, ..., in standard deviations of
-            the noise itself.
+            the noise itself; NaN where no fall came at the end of its window.
     """
 
     chance: float
@@ -143,7 +143,8 @@ def rare_falls(
 
     Raises:
         TooFewFallsError: too few falls were met with every factor, or all rows fell at once.
-        AnalysisError: an argument is not allowed.
+        AnalysisError: an argument is not allowed, or a step ended neither at a crossing, nor by a fall, nor
+            at the limit of time.
     """
     names = [quantity.name for quantity in mapping.model.parameters]
     for name in (noise, seed):
@@ -207,7 +208,9 @@ def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
 
 def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
     """The weighted means of the numbers drawn before falls, as `RareFalls.way_out`."""
-    means = np.average(windows.draws, axis=0, weights=windows.weights)
+    means = np.full(windows.draws.shape[1:], np.nan)
+    if windows.weights.size:
+        means = np.average(windows.draws, axis=0, weights=windows.weights)
     columns = {f"draw_{k + 1}": means[:, k] for k in range(means.shape[1])}
     way_out = pd.DataFrame({"step": np.arange(1 - steps, 1), **columns})
     # the number that is drawn in the step of the fall comes after it
@@ -302,6 +305,7 @@ class _Walk:
     def _walk_on(self) -> None:
         """Make a step with the noise itself; rows that fall go on from the states of others."""
         moved, status, _ = self._moved(self._states, 1.0)
+        _refuse_stuck(status)
         ended = status != ReturnStatus.crossed
         if ended.all():
             raise TooFewFallsError(
@@ -333,9 +337,7 @@ class _Walk:
         for step in range(self.steps):
             states, status, numbers = self._moved(states, scale, walks)
             falling, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
-            if (stuck := walks & ~falling & ~lost & (status != ReturnStatus.crossed)).any():
-                reason = ReturnStatus(int(status[stuck][0])).sentence
-                raise AnalysisError(f"{stuck.sum()} rows ended neither by a step nor by a fall: {reason}")
+            _refuse_stuck(status[walks])
             if step in counted:
                 chance += float(np.exp(log_weights[falling]).sum())
                 falls += int(falling.sum())
@@ -350,6 +352,14 @@ class _Walk:
             falls=falls,
             undecided=undecided / (ROWS * self.steps),
         )
+
+
+def _refuse_stuck(status: Int[np.ndarray, " rows"]) -> None:
+    """Refuse steps that ended neither at a crossing, nor by a fall, nor at the limit of time."""
+    stuck = status[~np.isin(status, [ReturnStatus.crossed, ReturnStatus.fell, ReturnStatus.late])]
+    if stuck.size:
+        reason = ReturnStatus(int(stuck[0])).sentence
+        raise AnalysisError(f"{stuck.size} rows ended neither by a step nor by a fall: {reason}")
 
 
 def _log_quotient(numbers: Float[np.ndarray, "rows numbers"], scale: float) -> Float[np.ndarray, " rows"]:

@@ -54,6 +54,23 @@ def require_numbers(table: pd.DataFrame, *names: str) -> None:
             raise AnalysisError(f"The values of {name} are not numbers: name another column.")
 
 
+def require_rows(table: pd.DataFrame) -> None:
+    """Raise AnalysisError for a table without rows."""
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
+
+
+def require_single_records(table: pd.DataFrame, order: str) -> None:
+    """Raise AnalysisError where a row has several records with one number in the column `order`."""
+    repeated = table.duplicated(["row", order]).to_numpy()
+    if repeated.any():
+        row, number = table.iloc[int(repeated.argmax())][["row", order]]
+        raise AnalysisError(
+            f"Row {row} has several records of {order} {number}, as after pandas.concat of tables whose rows "
+            "have the same numbers: join results by gs.concat."
+        )
+
+
 def names_in(names: str | Iterable[str]) -> list[str]:
     """The names in an argument that takes one name or several: a text is one name, not its letters."""
     return [names] if isinstance(names, str) else list(names)

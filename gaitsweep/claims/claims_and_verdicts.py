@@ -153,9 +153,11 @@ class Paper(StrictModel):
         """The paper with some of its claims.
 
         Raises:
-            ArgumentError: there is no claim of one of the names.
+            ArgumentError: there is no claim of one of the names, or no name.
         """
         wanted = set(names_in(names))
+        if not wanted:
+            raise ArgumentError(f"names is empty: name a claim of {self.name}.")
         known = [claim.id for claim in self.claims]
         if unknown := sorted(wanted - set(known)):
             near = near_miss.suggestion(unknown[0], known)
@@ -348,7 +350,9 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 
 
 def agrees(claim: Claim, ours: Value) -> bool:
-    """Return whether a value is within a claim's tolerance and bounds, or equals its text; false for NaN.
+    """Return whether a value is within a claim's tolerance or bounds, or equals its text.
+
+    It is not if it is NaN, or an empty list.
 
     Args:
         claim, ours: as for `verdict`.
@@ -357,7 +361,7 @@ def agrees(claim: Claim, ours: Value) -> bool:
     values = list(ours) if _is_list(ours) else [ours]
     if tolerance is None and claim.interval is not None:
         low, high = claim.interval
-        return all(_is_finite(value) and low <= value <= high for value in values)
+        return bool(values) and all(_is_finite(value) and low <= value <= high for value in values)
     expected: Any = claim.paper if claim.equals is None or tolerance is not None else claim.equals
     if _is_list(expected) != _is_list(ours):
         return False

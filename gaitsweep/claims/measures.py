@@ -46,6 +46,25 @@ class MeasureError(AnalysisError):
     """A table lacks data that a measure needs; the message is a sentence."""
 
 
+def plain_value(result: object) -> Value:
+    """The result of a measure as a number or a text of Python, or a list of either.
+
+    Args:
+        result: what a measure returned; numbers and arrays (n,) of NumPy and pandas are converted.
+
+    Raises:
+        MeasureError: it is none of these.
+    """
+    converted = result.tolist() if isinstance(result, np.ndarray | np.generic | pd.Series) else result
+    is_list = isinstance(converted, list | tuple)
+    items: list[Any] = list(converted) if is_list else [converted]
+    items = [item.item() if isinstance(item, np.generic) else item for item in items]
+    if not all(isinstance(item, int | float | str) for item in items):
+        allowed = "a number, a text, or a list of either"
+        raise MeasureError(f"The measure returned {type(result).__name__}, but must return {allowed}.")
+    return items if is_list else items[0]
+
+
 @measure
 def share(table: pd.DataFrame, *, where: Condition, of: Condition | None = None) -> float:
     """Fraction of the rows fulfilling `of` that also fulfil `where` (1).
@@ -101,12 +120,17 @@ def value(
         take: the number that is taken of the column.
 
     Raises:
-        MeasureError: no record fulfils `where`, or the table has no such column or `take` is not allowed.
+        MeasureError: no record fulfils `where`, the table has no such column, its values are not numbers, or
+            `take` is not allowed.
     """
-    rows = records(table, where, may_be_empty=take == "count")
+    values = _column(records(table, where, may_be_empty=take == "count"), column)
     if take not in _REDUCTIONS:
         raise MeasureError(f"take is {take}{suggestion(take, _REDUCTIONS)}")
-    return float(_REDUCTIONS[take](_column(rows, column)))
+    try:
+        return float(_REDUCTIONS[take](values))
+    except (TypeError, ValueError):
+        text = f"The values of {column} are not numbers: use the measure texts, or take: count."
+        raise MeasureError(text) from None
 
 
 @measure

@@ -16,7 +16,7 @@ import pandas as pd
 import yaml
 
 from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, Paper, PaperJob, verdict
-from gaitsweep.claims.measures import MEASURES, Value
+from gaitsweep.claims.measures import MEASURES, Value, plain_value
 from gaitsweep.claims.page import page
 from gaitsweep.errors import UserError
 from gaitsweep.expression import ExpressionError
@@ -215,11 +215,11 @@ class _PaperRun:
                 reason = f"the job {name} failed: {self.runs[name].failure}"
                 return _Judgement(None, ClaimVerdict.not_run, reason)
         try:
-            ours = MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_)
+            ours = plain_value(MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_))
         except ExpressionError as error:  # the question is wrong, not the answer
             reason = f"a condition cannot be evaluated: {error.sentence}"
             return _Judgement(None, ClaimVerdict.not_run, reason)
-        except (UserError, ArithmeticError, LookupError, ValueError) as error:
+        except (UserError, ArithmeticError, LookupError, TypeError, ValueError) as error:
             # the tables exist but lack the value: rows that fell have no cycles for a mean
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
             reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"

@@ -21,7 +21,8 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.plot import theme
 from gaitsweep.plot.column_labels import axis_label, described, symbol
 from gaitsweep.status import SetStatus
-from gaitsweep.table import own_folder, replace_file
+from gaitsweep.table import own_folder, replace_file, writing
+from gaitsweep.table.manifest import FIGURES as FOLDER
 
 # The figures, in their order.
 FIGURES = ("convergence", "constants", "misses")
@@ -48,16 +49,30 @@ def draw_search(path: Path, search: Search, table: pd.DataFrame, near: Identifia
         search: the search.
         table: its sets.
         near: identifiability of the constants.
+
+    Raises:
+        TableError: a file could not be written.
     """
-    folder = path / "figures"
-    own_folder(folder)
-    drawn = []
-    for name in FIGURES:
-        file = folder / f"{name}.png"
-        figure = search_figure(name, search, table, near)
-        replace_file(file, lambda handle, figure=figure: figure.savefig(handle, format="png"))
-        drawn.append(file)
-    return drawn
+    return [write_figure(path, f"{name}.png", search_figure(name, search, table, near)) for name in FIGURES]
+
+
+def write_figure(path: Path, name: str, figure: Figure, **options: Any) -> Path:
+    """Write a figure into the folder of figures of a result directory; return its file.
+
+    Args:
+        path: the result directory.
+        name: the name of the file, a PNG.
+        figure: the figure.
+        options: further arguments of `savefig`.
+
+    Raises:
+        TableError: the file could not be written.
+    """
+    file = path / FOLDER / name
+    with writing(f"{file} could not be written"):
+        own_folder(file.parent)
+        replace_file(file, lambda handle: figure.savefig(handle, format="png", **options))
+    return file
 
 
 def search_figure(name: str, search: Search, table: pd.DataFrame, near: Identifiability) -> Figure:

@@ -135,6 +135,19 @@ def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[D
     return read_model(kinds[kind], value, path, wrong)
 
 
+def name_errors(name: str, is_taken: bool, path: FieldPath) -> list[Diagnostic]:
+    """Check the name of a target or an output, which is a column of the table; return the diagnostics.
+
+    Args:
+        name: the name.
+        is_taken: whether another column has it.
+        path: where it stands.
+    """
+    if not name.isidentifier():
+        return [Diagnostic(path, "is no name of letters, digits and _ that begins with a letter.")]
+    return [Diagnostic(path, "is the name of another column of the table: take another.")] if is_taken else []
+
+
 def read_settings(
     settings: type[T],
     field: str,

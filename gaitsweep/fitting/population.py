@@ -322,7 +322,7 @@ class Population:
         if not allowed.size:
             return {}, refused
         if self.run_elsewhere is not None and share == 1.0:
-            columns = self._rows_elsewhere(context, take(constants, allowed), on_progress)
+            columns = self._rows_elsewhere(context, take(constants, allowed), allowed.size, on_progress)
         else:
             rows = (allowed[:, None] * per_set + np.arange(per_set)).ravel()
             varied = frozenset(constants)
@@ -370,14 +370,16 @@ class Population:
         table = context.job.run.table(context.model, {}, outcome)
         return {str(name): _array(table[name]) for name in table.columns}
 
-    def _rows_elsewhere(self, context: RunContext, constants: Values, on_progress: OnProgress) -> Values:
-        """Run rows by `run_elsewhere`, as jobs of their own; return the columns of their records."""
+    def _rows_elsewhere(
+        self, context: RunContext, constants: Values, n: int, on_progress: OnProgress
+    ) -> Values:
+        """Run the rows of n sets by `run_elsewhere`, as jobs; return the columns of their records."""
         assert self.run_elsewhere is not None
         per_set = self.own_rows_of_a_set
         names = ["row", *(column.name for column in context.job.run.all_columns(context.model))]
         parts = []
         for conditions in group_by_names(self._conditions).values():
-            table = self.run_elsewhere(self._job_of_rows(context, constants, conditions), on_progress)
+            table = self.run_elsewhere(self._job_of_rows(context, constants, conditions, n), on_progress)
             part = {name: _array(table[name]) for name in names}
             set_number, place = np.divmod(part["row"], len(conditions))
             parts.append({**part, "row": set_number * per_set + np.array(conditions)[place]})
@@ -385,13 +387,14 @@ class Population:
         order = np.argsort(columns["row"], kind="stable")
         return {name: column[order] for name, column in columns.items()}
 
-    def _job_of_rows(self, context: RunContext, constants: Values, numbers: Sequence[int]) -> Job:
-        """Return the job whose rows are sets at some conditions.
+    def _job_of_rows(self, context: RunContext, constants: Values, numbers: Sequence[int], n: int) -> Job:
+        """Return the job whose rows are n sets at some conditions.
 
         Args:
             context: context of the job of a set.
-            constants: constants (n,) of the sets by name.
+            constants: constants (n,) of the sets by name; none where choices of structure alone are free.
             numbers: numbers of the conditions, which set the same names.
+            n: the number of sets.
         """
         conditions = [dict(self._conditions[number]) for number in numbers]
         written = context.job.resolved()
@@ -401,7 +404,6 @@ class Population:
         if of_sets:
             groups = [of_sets, of_conditions]
         else:
-            n = next((column.size for column in constants.values()), 1)
             groups = [{name: values * n for name, values in of_conditions.items()}]
         varied = {name for group in groups for name in group}
         for field in ("params", "start"):
@@ -433,7 +435,7 @@ class Population:
             return None
         largest_group = max(group_by_names(self._conditions).values(), key=len)
         columns = {name: np.full(n, value) for name, value in constants.items()}
-        return self._job_of_rows(self.prepared(structure), columns, largest_group)
+        return self._job_of_rows(self.prepared(structure), columns, largest_group, n)
 
     def _on_map(
         self, context: RunContext, constants: Values, measure: Measure, n: int, share: float

@@ -33,7 +33,8 @@ class Robust(TargetValue):
     sets: Count = Field(default=24, description="neighbours of each set")
     constants: list[Text] = Field(
         default=[],
-        description="constants of the job that change too; those that are free, but for choices, always do",
+        description="constants of the job that change too; those that are free always do, but for choices "
+        "and whole numbers",
     )
     seed: Seed = Field(default=0, description="seed of the changes, which are the same for all sets")
 

@@ -7,13 +7,14 @@ depend on each other are measured concurrently, each in a thread.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,7 @@ import pandas as pd
 from jaxtyping import Bool, Shaped
 from matplotlib.figure import Figure
 
+from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.figures import draw_search, search_figure
@@ -42,8 +44,8 @@ from gaitsweep.runs import provenance
 from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress, steps_per_second
-from gaitsweep.runs.sentences import SetStatus
 from gaitsweep.schema.diagnostics import Diagnostic, refuse
+from gaitsweep.status import SetStatus
 from gaitsweep.table import ResultDirectory, TableError, load, load_with_snapshot
 from gaitsweep.table.manifest import Layout
 
@@ -192,14 +194,15 @@ def run_search(
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)
         search = _Search(job, population, context.model, directory, on_progress, side_by_side)
-        write_blocks(directory, search.blocks())
+        with contextlib.closing(search.blocks()) as blocks:  # an error while writing ends its threads, too
+            write_blocks(directory, blocks)
         table = load(path)
         near_best = identifiability(table, job)
         notes_before = len(directory.notes)
         finalists = search.finalists(near_best.best)
         for note in directory.notes[notes_before:]:
             on_message(note)
-        if (warning := _depends_on_the_step(job, finalists)) is not None:
+        if (warning := _depends_on_the_step(job, context.model, finalists)) is not None:
             on_message(f"Warning: {warning}")
         directory.update_manifest(complete=True, counts=directory.counts(), search=near_best.summary())
         drawn = draw_search(path, job, table, near_best) if figures else []
@@ -259,7 +262,7 @@ class _Search:
         self.began = time.perf_counter()
         self.best = np.inf  # the least score so far
 
-    def blocks(self) -> Iterator[tuple[int, pd.DataFrame]]:
+    def blocks(self) -> Generator[tuple[int, pd.DataFrame]]:
         """Give the scores of the stored sets to the optimiser, and yield the batches that are not on disk.
 
         A batch is chosen when all but the `side_by_side - 1` before it are known, on disk or not, so the sets
@@ -441,15 +444,18 @@ def _on_disk(on_progress: Callable[[SweepProgress], None]) -> None:
     """Measure nothing, for a batch that is on disk and keeps its place among the others."""
 
 
-def _depends_on_the_step(job: SearchJob, finalists: pd.DataFrame | None) -> str | None:
+def _depends_on_the_step(job: SearchJob, model: Model, finalists: pd.DataFrame | None) -> str | None:
     """Return a warning if half the step moves a finalist by more than a reading error, else None."""
     if finalists is None:
         return None
     moved = {}
     for name in job.counted:
-        change = np.abs(finalists[f"{name}_half"] - finalists[name])
+        target = job.targets[name]
+        change = finalists[f"{name}_half"] - finalists[name]
+        if target.measure.circular(model):
+            change = wrapped_difference(change)
         # NaN, where one of the steps gives no value, counts as moved
-        moved[name] = int(np.sum(~(change <= job.targets[name].value.error)))
+        moved[name] = int(np.sum(~(np.abs(change) <= target.value.error)))
     counts = ", ".join(f"{name} of {number}" for name, number in moved.items() if number)
     if not counts:
         return None

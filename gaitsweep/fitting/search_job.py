@@ -18,7 +18,14 @@ from pydantic import Field
 from gaitsweep import near_miss
 from gaitsweep.engine.sweep.engine_choice import default_lanes
 from gaitsweep.errors import ArgumentError, JobError
-from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_fields import (
+    by_name,
+    name_errors,
+    read_file,
+    read_free,
+    read_measure,
+    read_settings,
+)
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.optimisers import RULE_OF_RESTARTS, Method, missing_package
 from gaitsweep.fitting.robustness import ROBUST, Robust, ShareKept, check_robust, own_constants
@@ -394,12 +401,8 @@ def _read_targets(
         target_value = read_model(TargetValue, value_fields, target_path, wrong)
         measure_fields = {key: field for key, field in fields.items() if key not in value_fields}
         measure = read_measure(measure_fields, target_path, wrong, beside=TargetValue)
-        if not name.isidentifier():
-            text = "has a name that is not of letters, digits and _ after a letter: take another."
-            wrong.append(Diagnostic(target_path, text))
-        elif name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half"):
-            text = "has the name of another column of the table: take another."
-            wrong.append(Diagnostic(target_path, text))
+        is_taken = name in (*_COLUMNS, *free) or name.startswith(MISS) or name.endswith("_half")
+        wrong.extend(name_errors(name, is_taken, target_path))
         if target_value is not None and measure is not None:
             targets[name] = Target(measure, target_value)
     return targets

@@ -18,7 +18,7 @@ from gaitsweep.angles import wrapped_difference
 from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
-from gaitsweep.fitting.figures import sensitivity_figure
+from gaitsweep.fitting.figures import sensitivity_figure, write_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
 from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.measure import Measure, MeasuredByName, reasons_of_sets
@@ -31,9 +31,8 @@ from gaitsweep.runs.execute import RESULTS
 from gaitsweep.runs.executor import write_blocks
 from gaitsweep.runs.progress import Progress
 from gaitsweep.status import SetStatus
-from gaitsweep.table import ResultDirectory, load, replace_file
-from gaitsweep.table.atomic_files import writing
-from gaitsweep.table.manifest import FIGURES, Layout
+from gaitsweep.table import ResultDirectory, load, replace_file, writing
+from gaitsweep.table.manifest import Layout
 
 if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
@@ -322,9 +321,5 @@ def _write(result: Sensitivity, path: Path, *, figures: bool) -> None:
     with writing(f"{table} could not be written"):
         options: dict[str, Any] = {"index": False, "write_page_checksum": True}
         replace_file(table, lambda file: result.indices.to_parquet(file, **options))
-    if not figures:
-        return
-    figure = path / FIGURES / FIGURE
-    with writing(f"{figure} could not be written"):
-        figure.parent.mkdir(exist_ok=True)
-        replace_file(figure, lambda file: result.figure().savefig(file, format="png", dpi=150))
+    if figures:
+        write_figure(path, FIGURE, result.figure(), dpi=150)

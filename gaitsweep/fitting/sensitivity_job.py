@@ -16,7 +16,14 @@ import numpy as np
 from pydantic import Field
 
 from gaitsweep.errors import ArgumentError, JobError
-from gaitsweep.fitting.fit_fields import by_name, read_file, read_free, read_measure, read_settings
+from gaitsweep.fitting.fit_fields import (
+    by_name,
+    name_errors,
+    read_file,
+    read_free,
+    read_measure,
+    read_settings,
+)
 from gaitsweep.fitting.free_parameters import FreeParameter
 from gaitsweep.fitting.measure import Measure
 from gaitsweep.fitting.population import Population
@@ -212,11 +219,7 @@ def _read_outputs(value: Any, parameters: Iterable[str], wrong: list[Diagnostic]
     outputs = {}
     for name, fields in by_name(value, "measures by name", path, wrong):
         output_path = (*path, name)
-        if name in columns:
-            wrong.append(Diagnostic(output_path, "names a column of the table: take another name."))
-        elif not name.isidentifier():
-            text = "is not a name of letters, digits and _, which begins with a letter."
-            wrong.append(Diagnostic(output_path, text))
+        wrong.extend(name_errors(name, name in columns, output_path))
         if (measure := read_measure(fields, output_path, wrong)) is not None:
             outputs[name] = measure
     return outputs

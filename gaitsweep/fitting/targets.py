@@ -117,7 +117,7 @@ def conflicts(
 
     Args:
         tables: the table of a search, or those of several.
-        within: the miss up to which a target counts as met, in reading errors.
+        within: the miss up to which a target counts as met, in reading errors; one without a value is not.
         targets: names of the targets to compare; all of the tables by default, also those held back.
 
     Raises:
@@ -130,9 +130,10 @@ def conflicts(
     names = _target_names(tables, names_in(targets or ()))
     columns = [f"{MISS}{name}" for name in names]
     misses = np.concatenate([np.abs(table[columns]) for table in tables])
-    met = misses <= within
+    has_value = misses < FAILED_MISS
+    met = has_value & (misses <= within)
     counts = met.T.astype(np.int64) @ met
-    with_value = np.where(misses < FAILED_MISS, misses, np.inf)
+    with_value = np.where(has_value, misses, np.inf)
     nearest = np.array([with_value[meets_row].min(axis=0, initial=np.inf) for meets_row in met.T])
     most, most_sets = _most_met(met)
     return Conflicts(

@@ -184,6 +184,8 @@ def test_rows_that_did_not_settle_have_none() -> None:
     assert len(none.summary) == 0
     with pytest.raises(AnalysisError, match="inferred"):
         with_attractors(table)
+    with pytest.raises(AnalysisError, match="status is not a column"):
+        with_attractors(table.drop(columns="status"))
 
 
 @pytest.mark.parametrize(
@@ -331,3 +333,11 @@ def test_orbits_without_all_crossings_have_no_states() -> None:
     assert grouped.states == {}
     assert grouped.summary["attractor"].tolist() == ["period 2"]
     assert grouped.summary["rows"].tolist() == [3]
+
+
+def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:
+    table = settled(np.array([[0.0], [1.0], [0.01], [1.01]]), f=[1.0, 1.0, 2.0, 2.0])
+    expected = follow_attractors(table, "f", link=0.5).column.tolist()
+    twice = follow_attractors(pd.concat([table, table]), "f", link=0.5)
+    assert twice.column.tolist() == expected * 2
+    assert twice.column.index.tolist() == [0, 1, 2, 3] * 2

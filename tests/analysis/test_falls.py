@@ -11,7 +11,7 @@ from scipy import sparse, special, stats
 
 import gaitsweep as gs
 from gaitsweep.analyses import AnalysisError, steps_to_fall, survival
-from gaitsweep.analysis.rare_falls import _hazard
+from gaitsweep.analysis.rare_falls import _hazard, _way_out, _Windows
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 
 SLOPE, ALPHA = 0.14, 0.4
@@ -162,3 +162,10 @@ def test_the_chance_of_a_fall_is_that_of_a_window_and_at_most_one() -> None:
     chance = 0.01
     assert _hazard(float(np.mean(chance * (1.0 - chance) ** np.arange(3, 6))), 6) == pytest.approx(chance)
     assert _hazard(0.5, 6) == 1.0
+
+
+def test_the_way_out_is_unknown_without_a_fall_at_the_end_of_a_window() -> None:
+    windows = _Windows(np.full(2, 0.1), np.zeros(0), np.zeros((0, 4, 1)), falls=20, undecided=0.0)
+    way = _way_out(windows, 4)
+    assert way["step"].tolist() == [-3, -2, -1]
+    assert way["draw_1"].isna().all()

@@ -9,7 +9,12 @@ import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.analysis.transitions.hysteresis import loop_area, transition_points, transition_points_by_gait
+from gaitsweep.analysis.transitions.hysteresis import (
+    hysteresis,
+    loop_area,
+    transition_points,
+    transition_points_by_gait,
+)
 from gaitsweep.analysis.transitions.jumps import irregular_passes, jump_intervals, jumps, largest_jumps
 from tests.support.hysteresis_tables import (
     AREA,
@@ -320,3 +325,18 @@ def test_a_last_pass_closes_its_loop_with_the_one_before() -> None:
     assert loops["low"].tolist() == pytest.approx([0.2, -1.6])
     still = table.assign(status="complete", cycles=9, speed_n=np.pi + 1e-15 * np.arange(f.size) % 3e-15)
     assert not len(jumps(still, "speed", "f", least=None))
+
+
+def test_rows_without_a_value_of_an_axis_are_a_combination_of_their_own() -> None:
+    """As of joined tables, one of which does not have the axis."""
+    table = staircase_table(2)
+    table.insert(1, "mass", np.where(table["row"] == 0, 1.0, np.nan))
+    points = transition_points(table, "delta_13", "f", by="mass")
+    assert points["mass"].isna().tolist() == [False, False, True, True]
+    assert points[["rows", "of"]].to_numpy().tolist() == [[1, 1]] * 4
+
+
+def test_the_least_jump_has_no_meaning_for_settled_rows() -> None:
+    table = settle_table(np.linspace(-0.8, 0.8, 9), [-1.0, 1.0])
+    with pytest.raises(AnalysisError, match=r"least is 0\.3, but of settled rows gaits count"):
+        hysteresis(table, parameter="f", start="delta_13", least=0.3)

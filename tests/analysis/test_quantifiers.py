@@ -157,3 +157,20 @@ def test_deviations_of_a_gait_of_two_crossings_grow_as_simulated_ones() -> None:
             largest = max(largest, np.linalg.norm(difference, axis=1).max() / 1e-6)
     assert largest > 1.5
     assert quantified["amplification"].tolist() == [pytest.approx(largest, rel=1e-3)]
+
+
+def test_the_share_in_time_of_a_label_with_outcomes_counts_times() -> None:
+    """The table's column `outcome` is that of all rows, whatever their times."""
+    columns = {"row": range(4), "k": 1.0, "x_0": [0.0, 0.1, 0.2, 0.3], "status": "settled"}
+    table = pd.DataFrame({**columns, "t_end": [1.0, 2.0, 3.0, 4.0], "gait": "walk", "outcome": "walk"})
+    quantified: Any = gs.quantifiers(table, "k", label="gait", within=1.5)
+    assert quantified[["fraction", "within"]].to_numpy().tolist() == [[1.0, 0.25]]
+
+
+def test_rows_without_a_start_are_no_shock() -> None:
+    """As of joined tables, one of which does not have the axis."""
+    columns = {"row": range(3), "k": 1.0, "x_0": [0.0, 0.5, np.nan], "status": "settled", "t_end": 1.0}
+    table = pd.DataFrame({**columns, "x_end": [0.0, 1.0, 2.0], "gait": ["walk", "trot", "pace"]})
+    quantified: Any = gs.quantifiers(table, "k", label="gait").set_index("gait")
+    assert quantified.loc["walk", "least_shock"] == 0.5
+    assert quantified.loc["trot", "least_shock"] == 1.0

@@ -34,6 +34,8 @@ def test_pairs_are_successive_crossings_of_one_row() -> None:
     assert pairs(table.sample(frac=1.0, random_state=1), "delta_13").equals(result)
     lost = table.assign(delta_13_n=table["delta_13_n"].where(table["crossing"] != 3))
     assert len(pairs(lost, "delta_13")) == 12
+    with pytest.raises(AnalysisError, match=r"Row 0 has several records of crossing 1.* gs\.concat"):
+        pairs(pd.concat([table, table], ignore_index=True), "delta_13")
 
 
 def test_rows_that_fell_lose_their_last_crossings() -> None:

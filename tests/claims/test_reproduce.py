@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -190,6 +191,30 @@ def test_some_claims_of_a_paper() -> None:
     ]
     with pytest.raises(ArgumentError, match="did you mean eq2_contact"):
         paper.only(["eq2_contacts"])
+    with pytest.raises(ArgumentError, match="names is empty"):
+        paper.only([])
+
+
+def test_measures_may_return_numbers_of_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = {"whole": np.int64(3), "several": np.array([1.0, 2.0]), "words": ("a", "b"), "other": {"a": 1}}
+    claims = []
+    for name, result in results.items():
+        monkeypatch.setitem(MEASURES, name, lambda result=result: result)
+        paper = {"several": "[1, 2]", "words": "[a, b]"}.get(name, "3")
+        rule = "" if name == "words" else ", tolerance: 0"
+        head = f"id: {name}, where: Fig. 1, claim: It is so., measure: {name}, command: none, because: exact"
+        claims.append(f"  - {{{head}, paper: {paper}{rule}}}")
+    file = tmp_path / "numbers.yaml"
+    file.write_text("\n".join(["paper: Nobody (2026)", "claims:", *claims]))
+    table = reproduce(read_paper(file), tmp_path / "out").table.set_index("id")
+    assert table["verdict"].to_dict() == {
+        "whole": "reproduced",
+        "several": "reproduced",
+        "words": "reproduced",
+        "other": "not",
+    }
+    assert table["ours"].tolist() == ["3", "1, 2", "a, b", ""]
+    assert "returned dict, but must return a number" in table.loc["other", "why"]
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -210,6 +235,8 @@ def test_general_measures() -> None:
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
         lambda: value(table, column="speeds"),
+        lambda: value(table, column="gait"),
+        lambda: value(table.astype({"gait": "category"}), column="gait", take="max"),
         lambda: value(table, column="speed", take="mode"),  # pyright: ignore[reportArgumentType]
         lambda: texts(table, column="gait", where="speed > 9"),
     ):

@@ -36,6 +36,7 @@ def claim(**fields: Any) -> Claim:
         ({"paper": "about one", "between": [0.9, 1.1]}, [0.95, 1.05], REPRODUCED),
         ({"paper": "about one", "between": [0.9, 1.1]}, [0.95, 1.15], NOT),
         ({"paper": "about one", "between": [0.9, 1.1], "below": 1.0}, 1.05, NOT),
+        ({"paper": "about one", "between": [0.9, 1.1]}, [], NOT),
         ({"paper": ["walk", "trot"]}, ["walk", "trot"], REPRODUCED),
         ({"paper": ["walk", "trot"]}, ["trot", "walk"], NOT),
         ({"paper": "a trot at first", "equals": "trot"}, "trot", REPRODUCED),

@@ -58,3 +58,7 @@ def test_wrong_tables_and_targets_are_refused() -> None:
         conflicts([circle(), circle().drop(columns=["miss_y", "miss_z"])])
     with pytest.raises(ArgumentError, match="yy is not a target of the search; did you mean y"):
         conflicts([circle()], targets=["yy"])
+
+
+def test_a_target_without_a_value_is_not_met_whatever_the_error() -> None:
+    assert conflicts(circle(8), within=1e5).together.loc["z", "z"] == 4

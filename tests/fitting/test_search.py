@@ -22,17 +22,20 @@ import gaitsweep as gs
 import toy_model
 from gaitsweep.errors import JobError
 from gaitsweep.fitting import optimisers
+from gaitsweep.fitting.figures import draw_search
 from gaitsweep.fitting.free_parameters import sets_at
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
-from gaitsweep.fitting.search import FINALISTS, SearchResult, run_search
+from gaitsweep.fitting.search import FINALISTS, SearchResult, _depends_on_the_step, run_search
 from gaitsweep.fitting.search_cost import estimate_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
+from gaitsweep.job import Job
+from gaitsweep.runs.execute import run_job
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.strict_model import plain
 from gaitsweep.status import SetStatus
-from gaitsweep.table import ResultDirectory, WriteError
+from gaitsweep.table import ResultDirectory, TableError, WriteError, load
 
 SWEEPS = Path(__file__).parents[2] / "sweeps"
 
@@ -577,6 +580,52 @@ def test_choices_that_the_model_refuses_together_have_no_values() -> None:
     assert speed.values[0] == pytest.approx(SPEED)
     assert np.isnan(speed.values[1])
     assert speed.why[1] == "refused: structure.N is 2, which does not go with the rest."
+
+
+def test_choices_of_structure_alone_are_measured_elsewhere(tmp_path: Path) -> None:
+    asked = read_search(job(free={"N": {"choices": [1, 2]}}), Path())
+    population = asked.fit.population()
+    numbers = iter(range(9))
+
+    def elsewhere(job: Job, _on_progress: object) -> pd.DataFrame:
+        return load(run_job(job, tmp_path / str(next(numbers)), figures=False))
+
+    population.run_elsewhere = elsewhere
+    speed = population.measure({"N": np.array([1, 1, 2])})["speed"]
+    # the default of `kick` is a quarter of the angular frequency
+    np.testing.assert_allclose(speed.values, 0.25 * np.sqrt(4.0) / (1.0 - RESTITUTION), rtol=1e-6)
+
+
+def test_figures_that_cannot_be_written_are_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = read_search(job(method="sobol", budget=16), Path())
+    found = run_search(asked, tmp_path / "out", figures=False)
+    (tmp_path / "out" / "figures").write_text("")
+    with pytest.raises(TableError, match="figures is a file but must be a folder"):
+        draw_search(tmp_path / "out", asked, found.table, found.identifiability)
+    (tmp_path / "out" / "figures").unlink()
+
+    def full(*_arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("gaitsweep.fitting.figures.replace_file", full)
+    with pytest.raises(WriteError, match=r"convergence\.png could not be written: the disk is full"):
+        draw_search(tmp_path / "out", asked, found.table, found.identifiability)
+
+
+def test_half_the_step_moves_an_angle_by_the_shorter_way() -> None:
+    starts = dict.fromkeys(("psi_1", "psi_2", "psi_3"), 0.5)
+    psi = {"kind": "value", "of": "psi_1", "at": starts, "wanted": 0.0, "error": 0.1}
+    fields = job(free={"m_B": [1.0, 2.0]}, targets={"psi": psi}, method="sobol")
+    for field in ("params", "start"):
+        del fields[field]
+    asked = read_search({**fields, "model": "multilegged_reduced"}, Path())
+    model = asked.fit.job_of({}).design.model
+    finalists = pd.DataFrame({"psi": [3.14, 3.0], "psi_half": [-3.14, -3.0]})
+    warning = _depends_on_the_step(asked, model, finalists)
+    assert warning is not None
+    assert "psi of 1, of 2 finalists" in warning
 
 
 def test_a_full_disk_loses_one_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

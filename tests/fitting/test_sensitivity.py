@@ -255,7 +255,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "an output's name": (
         {"outputs": {"failures": {"kind": "value", "of": "linear", "at": {"y_0": 1}}}},
-        "failures names a column of the table",
+        "failures is the name of another column of the table",
     ),
     "an output that sets a parameter": (
         {"outputs": {"a": {"kind": "value", "of": "linear", "at": {"x_1": 1}}}},

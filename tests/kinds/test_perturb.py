@@ -395,6 +395,8 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
         gs.analyses.least_fatal_push(table, "push_x", scales={"push": 2.0})
     halved = gs.analyses.least_fatal_push(table, "push_x", "push_phase", scales={"push_x": 2.0})
     np.testing.assert_allclose(halved["size"], np.abs(halved["push_x"]) / 2.0)
+    with pytest.raises(gs.analyses.AnalysisError, match="has no rows"):
+        gs.analyses.least_fatal_push(table.iloc[:0], "push_x")
 
 
 @pytest.mark.slow

@@ -71,8 +71,8 @@ def follow_attractors(
         raise AnalysisError(f"No row of the table has a value of {parameter}.")
     if within is not None and not within >= 0.0:
         raise AnalysisError(f"within is {within:g}, but must be 0 or more.")
-    parts = [table.iloc[np.flatnonzero(table[parameter] == value)] for value in values]
-    groupings = [attractors(part, **grouping) for part in parts]
+    rows_of_values = [np.flatnonzero(table[parameter] == value) for value in values]
+    groupings = [attractors(table.iloc[rows], **grouping) for rows in rows_of_values]
     columns = names_in(grouping.get("columns") or state_columns(table))
     space = Space.of(table, columns, grouping.get("scales"))
     if within is None:
@@ -80,8 +80,8 @@ def follow_attractors(
     latest: dict[str, Float[np.ndarray, "states columns"]] = {}  # the latest states of each attractor
     present: list[str] = []
     orbits: set[str] = set()
-    attractor_of_rows, summaries = [], []
-    for value, grouped in zip(values, groupings, strict=True):
+    attractor_of_rows, summaries = np.full(len(table), None, object), []
+    for value, rows, grouped in zip(values, rows_of_values, groupings, strict=True):
         names, moved = _named(space, grouped.states, latest, present, within)
         present = list(names.values())
         latest |= {names[name]: states for name, states in grouped.states.items()}
@@ -89,13 +89,11 @@ def follow_attractors(
         # orbits without states are not matched: their names are their periods
         orbits |= set(of_value) - set(names)
         names = dict(zip(of_value, of_value, strict=True)) | names
-        attractor_of_rows.append(grouped.column.astype(object).map(names.get))
+        attractor_of_rows[rows] = grouped.column.astype(object).map(names.get)
         summary = grouped.summary.assign(attractor=of_value.map(names.get), moved=of_value.map(moved.get))
         summary.insert(0, parameter, value)
         summaries.append(summary)
-    names_of_rows = pd.Categorical(
-        pd.concat(attractor_of_rows).reindex(table.index), [*latest, *sorted(orbits)]
-    )
+    names_of_rows = pd.Categorical(attractor_of_rows, [*latest, *sorted(orbits)])
     column = pd.Series(names_of_rows, index=table.index, name="attractor")
     shares = fractions(table.assign(attractor=column), label="attractor", by=parameter)
     return Continued(column, pd.concat(summaries, ignore_index=True), shares, within)

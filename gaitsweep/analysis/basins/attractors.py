@@ -410,6 +410,7 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
     Raises:
         AnalysisError: as for `attractors`, or the table has inferred rows, which have no state.
     """
+    require(table, "status")
     if np.any(table["status"].astype(str) == Status.inferred.name):
         raise AnalysisError(
             "This table has inferred rows, which have no state that identifies an attractor: use the "

@@ -20,7 +20,15 @@ from gaitsweep.analysis.basins.basin_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, Interval, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
 from gaitsweep.analysis.basins.state_space import Space
-from gaitsweep.analysis.records import AnalysisError, in_order, names_in, outcome_labels, panels_of, require
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    in_order,
+    names_in,
+    outcome_labels,
+    panels_of,
+    require,
+    require_rows,
+)
 
 # Values of the column `recovery` of a gait that is lost.
 FATAL = ("elsewhere", "fell", "failed")
@@ -95,8 +103,7 @@ def basins(
         [1.0]
     """
     table, by, axes = panels_and_axes(table, by, axes)
-    if table.empty:
-        raise AnalysisError("The table has no rows.")
+    require_rows(table)
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if box < 2:
@@ -234,14 +241,15 @@ def least_fatal_push(
         fatal ones.
 
     Raises:
-        AnalysisError: the table does not have a column, the amounts have different units and no scale, or a
-            scale is not above 0 or of no amount.
+        AnalysisError: the table does not have a column or a row, the amounts have different units and no
+            scale, or a scale is not above 0 or of no amount.
 
     Source: Halekotte and Feudel 2020, Sci. Rep. 10:11783, of the minimal fatal shock.
     """
     pushes = names_in(pushes)
     table, by, _ = panels_and_axes(table, by, pushes)
     require(table, "recovery")
+    require_rows(table)
     require_one_unit(table, pushes, scales)
     lengths = Space.of(table, pushes, scales).scales
     size = np.linalg.norm(table[pushes].to_numpy(float) / lengths, axis=1)

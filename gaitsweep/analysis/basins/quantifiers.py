@@ -20,7 +20,7 @@ from gaitsweep.analysis.basins.basin_boundaries import (
 from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
 from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_columns
-from gaitsweep.analysis.records import AnalysisError, require, require_numbers
+from gaitsweep.analysis.records import AnalysisError, require, require_numbers, require_rows
 from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
@@ -62,8 +62,7 @@ def quantifiers(
         raise AnalysisError(f"within is {within:g} s, but must be above 0.")
     require(table, "status", "t_end")
     require_numbers(table, parameter)
-    if table.empty:
-        raise AnalysisError("The table has no rows.")
+    require_rows(table)
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
         table = table.assign(**{label: column.astype(object).to_numpy()})
@@ -81,23 +80,21 @@ def quantifiers(
     records = _records(table, parameter, label, shares, space, axes)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
-        places, rows = _settled_rows(table, quantified, parameter, label)
-        growths = np.full(len(quantified), np.nan)
-        growths[places] = amplifications(table.iloc[rows])
-        quantified["amplification"] = growths
+        quantified["amplification"] = _growths(table, quantified, amplifications)
     return quantified
 
 
-def _settled_rows(
-    table: pd.DataFrame, attractors: pd.DataFrame, parameter: str, label: str
-) -> tuple[list[int], list[int]]:
-    """One settled row of each attractor that has one, by their places in `attractors` and the table.
+def _growths(
+    table: pd.DataFrame, attractors: pd.DataFrame, amplifications: Amplifications
+) -> Float[np.ndarray, " attractors"]:
+    """The maximal amplification of each attractor, from one of its settled rows; NaN without any.
 
     Args:
         table: the settle table.
-        attractors: one record for each attractor and value of the parameter.
-        parameter, label: the columns of the parameter and of the attractors, in both.
+        attractors: one record for each value of the parameter and attractor, its first two columns.
+        amplifications: as for `quantifiers`.
     """
+    parameter, label = attractors.columns[:2]
     is_settled = (table["status"].astype(str) == Status.settled.name).to_numpy()
     settled = np.flatnonzero(is_settled & (orbit_periods(table) > 0))
     values, names = table[parameter].to_numpy(float)[settled], table[label].astype(str).to_numpy()[settled]
@@ -107,14 +104,17 @@ def _settled_rows(
         if of_attractor.size:
             places.append(place)
             rows.append(int(of_attractor[0]))
-    return places, rows
+    growths = np.full(len(attractors), np.nan)
+    growths[places] = amplifications(table.iloc[rows])
+    return growths
 
 
 def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     """The table without the outcomes of rows that took longer than `within` (s)."""
     outcomes = np.array(table[label].astype(object))
     outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
-    return table.assign(**{label: outcomes})
+    # the table's own outcomes are those of all rows, whatever their times
+    return table.drop(columns="outcome", errors="ignore").assign(**{label: outcomes})
 
 
 def _records(
@@ -206,12 +206,13 @@ def _least_shock(space: Space, basin: pd.DataFrame, others: pd.DataFrame, axes: 
     Args:
         space: the space of the starts.
         basin: the rows that end at the attractor.
-        others: the rows with another outcome.
+        others: the rows with another outcome; those without a start, as of joined tables, do not count.
         axes: the axes of the starts.
     """
     last = [f"{axis.removesuffix('_0')}_end" for axis in axes]
-    if not len(others) or not set(last) <= set(basin):
+    if not set(last) <= set(basin):
         return float("nan")
     states = np.concatenate([space.points(basin, names) for names in crossing_columns(basin, last)])
-    states = states[np.isfinite(states).all(axis=1)]
-    return float(space.nearest_distance(states, space.points(others, list(axes))).min(initial=np.inf))
+    starts = space.points(others, list(axes))
+    states, starts = (points[np.isfinite(points).all(axis=1)] for points in (states, starts))
+    return float(space.nearest_distance(states, starts).min(initial=np.inf)) if len(starts) else float("nan")

@@ -83,7 +83,8 @@ def hysteresis(
             of single rows, so `by` does not change them.
 
     Raises:
-        AnalysisError: a column is not there, has to be named or not to be, or is no swept axis.
+        AnalysisError: a column is not there, has to be named or not to be, or is no swept axis; or `least`
+            is not above 0, or is given for settled rows.
 
     Example:
         A speed rises in four stairs and falls again; x jumps from 0 to 1 between 3 and 4, and back between
@@ -108,8 +109,9 @@ def hysteresis(
                 "These rows have no passes up and down: name the column of the start value that selects the "
                 "branch as start=."
             )
-        if observable is not None:
-            raise AnalysisError(f"observable is {observable}, but of settled rows gaits count: leave it out.")
+        for name, value in {"observable": observable, "least": least}.items():
+            if value is not None:
+                raise AnalysisError(f"{name} is {value}, but of settled rows gaits count: leave it out.")
         return Hysteresis(transition_points_by_gait(table, parameter, start, by=by), pd.DataFrame())
     if start is not None:
         raise AnalysisError(f"start is {start}, but passes select the branch here: leave it out.")
@@ -145,7 +147,7 @@ def transition_points(
     largest = largest_jumps(table, observable, parameter, least)
     keys = [*by, "pass", "direction"]
     points = (
-        largest.groupby(keys, sort=True, observed=True)
+        largest.groupby(keys, sort=True, observed=True, dropna=False)
         .agg(
             low=("low", lower_median),
             high=("high", upper_median),
@@ -157,7 +159,7 @@ def transition_points(
         .reset_index()
     )
     if by:
-        rows = table.groupby(by, observed=True).agg(of=("row", "nunique")).reset_index()
+        rows = table.groupby(by, observed=True, dropna=False).agg(of=("row", "nunique")).reset_index()
         return points.merge(rows, on=by, how="left")
     return points.assign(of=table["row"].nunique())
 

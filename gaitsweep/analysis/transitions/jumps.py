@@ -17,7 +17,15 @@ import scipy
 from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
-from gaitsweep.analysis.records import AnalysisError, axes_of, require, require_numbers, section_column, sound
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    axes_of,
+    require,
+    require_numbers,
+    require_single_records,
+    section_column,
+    sound,
+)
 from gaitsweep.angles import TURN, branch_cut, is_circular, unwrap_from
 
 SMOOTH = 5  # crossings of a ramp over which the observable is averaged
@@ -194,13 +202,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
     order = "stair" if stairs else "crossing"
     require(table, "row", "pass", order)
     require_numbers(table, name, parameter)
-    repeated = table.duplicated(["row", order]).to_numpy()
-    if repeated.any():
-        row, number = table.iloc[int(repeated.argmax())][["row", order]]
-        raise AnalysisError(
-            f"Row {row} has several records of {order} {number}, as after pandas.concat of tables whose rows "
-            "have the same numbers: join results by gs.concat."
-        )
+    require_single_records(table, order)
     table = table.sort_values(["row", order], kind="stable")
     circular = is_circular(table, name)
     table = table.loc[sound(table, name, parameter, "pass")]

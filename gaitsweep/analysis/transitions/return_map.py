@@ -23,6 +23,7 @@ from gaitsweep.analysis.records import (
     panels_of,
     require,
     require_numbers,
+    require_single_records,
     section_column,
     sound,
 )
@@ -52,11 +53,13 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
         [0, 2 pi)), change (x_{n+1} - x_n, angles by the shorter way).
 
     Raises:
-        AnalysisError: the table does not have a column, or the observable's values are not numbers.
+        AnalysisError: the table does not have a column, the observable's values are not numbers, or rows of
+            several tables have the same number.
     """
     name, columns = section_column(table, observable), dict.fromkeys([*axes_of(table), *names_in(by or ())])
     require(table, "row", "crossing", *columns)
     require_numbers(table, name)
+    require_single_records(table, "crossing")
     table = table.sort_values(["row", "crossing"], kind="stable")
     table = table.loc[sound(table, name)]
     row, crossing = table["row"].to_numpy(), table["crossing"].to_numpy()
