@@ -266,8 +266,10 @@ def _settled_rows(
         model: the model.
 
     Raises:
-        ArgumentError: the table has no states, or is that of another model.
+        ArgumentError: the table has no states, is joined of several, or is that of another model.
     """
+    if "joined" in table.attrs:  # whose rows differ in constants that its job has not
+        raise ArgumentError("it is joined of several results by gs.concat: use one of the results.")
     job = table.attrs.get("job", {})
     if job.get("run", {}).get("kind") != "settle" or not job["run"].get("states"):
         raise ArgumentError("it has no states of its rows: run its job as {kind: settle, states: true}.")

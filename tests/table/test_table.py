@@ -328,6 +328,20 @@ def test_two_writers_at_once(tmp_path: Path) -> None:
     assert (tmp_path / "toy" / ".lock").read_text() == ""  # nothing of the machine's name stays
 
 
+def test_a_directory_that_could_not_be_locked_is_free_in_the_same_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with pytest.raises(WriteError, match="the disk is full"):
+            open_toy(tmp_path / "toy")
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+
+
 def test_a_file_that_two_write_at_once_is_whole(tmp_path: Path) -> None:
     """As the figures of two `plot`; the one that ends last is read."""
     file, inner = tmp_path / "figure.png", []
