@@ -257,6 +257,12 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (
         6,
+        "run: {kind: atlas, parameter: preload, path: [1, 2], ranges: {launch_1: [1, 2]}, "
+        "second: {stiffness: [1, 2]}}",
+        ["line 6", "run.second.stiffness is from 1 to 2, but stiffness begins at 4"],
+    ),
+    (
+        6,
         "run: {kind: continuation, parameter: preload, path: [1, 2], stationary: 1}",
         ["line 6", "run.stationary is 1, but must be true or false"],
     ),

@@ -127,7 +127,10 @@ class StuckLandscape(Landscape):
     """The landscape in which the jump keeps its event's surface where cos(theta_2) > cliff."""
 
     name: ClassVar[str] = "stuck_landscape"
-    guard_names: ClassVar[tuple[str, ...]] = ("a second ends",)
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        return ("a second ends",)
 
     def jump(self, params: dict[str, jax.Array], state: State, fired: jax.Array) -> State:
         stuck = jnp.cos(state.theta[1]) > params["cliff"]
