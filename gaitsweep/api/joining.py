@@ -12,7 +12,7 @@ from jaxtyping import Int
 from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import evaluate, names_used
-from gaitsweep.status import Outcome
+from gaitsweep.table.frames import with_same_categories
 from gaitsweep.table.manifest import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
@@ -87,20 +87,7 @@ def same_categories(*tables: Tables) -> list[pd.DataFrame]:
         >>> pd.merge(*gs.same_categories(slow, fast), on="gait", how="outer")["gait"].cat.categories.tolist()
         ['walk', 'trot', 'gallop', 'none']
     """
-    frames = _frames(tables)
-    dtypes: dict[str, pd.CategoricalDtype] = {}
-    for name in dict.fromkeys(name for frame in frames for name in frame.columns):
-        columns = [frame[name] for frame in frames if name in frame.columns]
-        if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
-            values: dict[Any, None] = {}  # of all tables, in order
-            for column in columns:
-                categories = getattr(column.dtype, "categories", None)
-                values |= dict.fromkeys(column.dropna().unique() if categories is None else categories)
-            dtypes[name] = pd.CategoricalDtype(sorted(values, key=lambda value: value in set(Outcome)))
-    return [
-        frame.astype({name: dtype for name, dtype in dtypes.items() if name in frame.columns})
-        for frame in frames
-    ]
+    return with_same_categories(_frames(tables))
 
 
 def _frames(tables: Sequence[Tables]) -> list[pd.DataFrame]:

@@ -122,65 +122,70 @@ def _lines_while_compiling(lines: RunProgress) -> Iterator[RunProgress]:
         watcher.join()
 
 
-@contextlib.contextmanager
-def stop_requests(exit_at_once: Callable[[int], None] | None = None) -> Iterator[Callable[[], None]]:
-    """A context that records the first SIGINT or SIGTERM; a second one raises at once.
+class _StopRequest:
+    """The first SIGINT or SIGTERM, which is raised where the run asks for it; a second one raises at once.
 
-    Its value is a function that raises KeyboardInterrupt or Terminated if a stop was requested. An exception
-    raised by the signal handler itself could hit a library's callback, which may suppress it.
+    An exception raised by the signal handler itself could hit a library's callback, which may suppress it.
 
     Args:
         exit_at_once: ends this process with an exit code; called in a thread after a request while a
             compilation, which nothing can interrupt, goes on. All files are written beside their place and
             renamed, so none is left half written.
     """
-    request: type[KeyboardInterrupt] | None = None
-    code: int | None = None  # the exit code, once a signal was noticed
-    raised_at: float | None = None
-    ended = threading.Event()
 
-    def raise_request() -> None:
-        nonlocal raised_at
-        if request is not None:
-            raised_at = raised_at or time.monotonic()
-            raise request
+    def __init__(self, exit_at_once: Callable[[int], None] | None) -> None:
+        self._exit_at_once = exit_at_once
+        self._request: type[KeyboardInterrupt] | None = None
+        self._code: int | None = None  # the exit code, once a signal was noticed
+        self._raised_at: float | None = None
+        self._ended = threading.Event()
 
-    def watch() -> None:
+    def raise_request(self) -> None:
+        """Raise KeyboardInterrupt or Terminated if a stop was requested."""
+        if self._request is not None:
+            self._raised_at = self._raised_at or time.monotonic()
+            raise self._request
+
+    @contextlib.contextmanager
+    def obeyed(self) -> Iterator[None]:
+        """A context in which signals are recorded."""
+        # only the main thread may handle signals; other threads keep Python's handlers
+        main = threading.current_thread() is threading.main_thread()
+        handlers = {number: signal.signal(number, self._record) for number in _SIGNALS} if main else {}
+        watcher = threading.Thread(target=self._watch, daemon=True)
+        try:
+            with _signals_noticed(self._notice) if main else contextlib.nullcontext():
+                watcher.start()
+                yield
+        finally:
+            self._ended.set()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
+    def _record(self, number: int, frame: FrameType | None) -> None:
+        """Record a signal, as the handler of Python."""
+        again = self._request is not None
+        self._request = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        if again:
+            raise self._request
+
+    def _notice(self, number: int) -> None:
+        """Record the exit code of a signal, also before the handler of Python is called."""
+        self._code = EXIT_TERMINATED if number == signal.SIGTERM else EXIT_STOPPED
+
+    def _watch(self) -> None:
+        """End the process if a compilation goes on for too long after a signal was noticed."""
         began: float | None = None
         main_ident = threading.main_thread().ident
-        while not ended.wait(0.2):
-            if code is None:
+        while not self._ended.wait(0.2):
+            if self._code is None or self._exit_at_once is None:
                 continue
             now = time.monotonic()
             began = began or now
             waits = now - began > _PATIENCE and compiling_for(main_ident) is not None
-            stored = raised_at is not None and now - raised_at > _PATIENCE_WHILE_STORING
-            if exit_at_once is not None and (waits or (stored and compiling_for() is not None)):
-                exit_at_once(code)
-
-    def notice(number: int) -> None:
-        nonlocal code
-        code = EXIT_TERMINATED if number == signal.SIGTERM else EXIT_STOPPED
-
-    def record(number: int, frame: FrameType | None) -> None:
-        nonlocal request
-        again = request is not None
-        request = Terminated if number == signal.SIGTERM else KeyboardInterrupt
-        if again:
-            raise request
-
-    # only the main thread may handle signals; other threads keep Python's handlers
-    main = threading.current_thread() is threading.main_thread()
-    handlers = {number: signal.signal(number, record) for number in _SIGNALS} if main else {}
-    watcher = threading.Thread(target=watch, daemon=True)
-    try:
-        with _signals_noticed(notice) if main else contextlib.nullcontext():
-            watcher.start()
-            yield raise_request
-    finally:
-        ended.set()
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+            stored = self._raised_at is not None and now - self._raised_at > _PATIENCE_WHILE_STORING
+            if waits or (stored and compiling_for() is not None):
+                self._exit_at_once(self._code)
 
 
 @contextlib.contextmanager
@@ -226,11 +231,11 @@ def stoppable_progress(unit: str = "rows", stopped: Callable[[], str] | None = N
         print(f"\n{stopped()}" if sys.stderr.isatty() else stopped(), file=sys.stderr, flush=True)
         os._exit(code)
 
-    exit_now = None if stopped is None else exit_at_once
-    with stop_requests(exit_now) as raise_request, shown_progress(unit) as shown:
+    stop = _StopRequest(None if stopped is None else exit_at_once)
+    with stop.obeyed(), shown_progress(unit) as shown:
 
         def on_progress(done: int, total: int, rate: float, fraction: float, note: str) -> None:
-            raise_request()
+            stop.raise_request()
             shown(done, total, rate, fraction, note)
 
         yield on_progress

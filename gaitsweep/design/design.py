@@ -18,7 +18,7 @@ from gaitsweep.contract import Model, Params, Quantity
 from gaitsweep.design.axes import LinearSpacing, ListAxis, RangeAxis
 from gaitsweep.design.vary import Group
 from gaitsweep.errors import JobError
-from gaitsweep.expression import names_used, resolve
+from gaitsweep.expression import functions_of, names_used, resolve
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import bound
 
@@ -249,6 +249,29 @@ class Design:
             rows += points % length * self.stride(position)
             points = points // length
         return rows
+
+    def combinations(self, names: Iterable[str], most: int) -> tuple[RowNumbers, int]:
+        """Return the first row with each combination of values of names, and the number of combinations.
+
+        Args:
+            names: the names.
+            most: the largest number of rows; of more combinations, evenly spaced ones have a row.
+        """
+        positions = sorted({position for name in names for position in self.spans(name)})
+        count = math.prod(self.groups[position].length for position in positions)
+        points = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
+        return self.rows_over(points, positions), count
+
+    def with_moved(self, values: Columns, place: Mapping[str, float]) -> Columns:
+        """Return the parameters of rows where some of them move.
+
+        Args:
+            values: the parameters, (n,) by name.
+            place: the value of each parameter that moves; those that follow it by a formula change with it.
+        """
+        size = next((column.size for column in values.values()), 0)
+        moved = {name: np.full(size, value) for name, value in place.items()}
+        return resolve(self.following(*place), {**values, **moved}, functions_of(np))
 
     def checkable(self, name: str) -> bool:
         """Return whether a name has so few values that all can be checked before the job runs.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -99,7 +100,7 @@ def read_vary(raw: Any, quantities: Mapping[str, Quantity], refuse: Callable[[st
         path: Path = ("vary", str(name))
         if name in VARY_GROUPS:
             read = _read_zip if name == "zip" else _read_sample
-            if isinstance(value, list):
+            if isinstance(value, list) and value:
                 vary.plain[name] = [read(item, (*path, place), vary) for place, item in enumerate(value)]
             else:
                 vary.plain[name] = read(value, path, vary)
@@ -152,13 +153,13 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> _ReadAxis | Non
     if written is None:
         return None
     axis = written.axis(name)
-    _check_order(axis, (*path, kind), vary)
+    _check_ends(axis, (*path, kind), vary)
     return _ReadAxis(axis, written.model_dump(mode="json"))
 
 
 def _axis_fields(value: Any) -> dict[str, Any] | None:
     """Return the fields of an axis, for which a list is short; None for values that are no axis."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim:
         is_list = value.ndim == 1 and len(value) <= MAX_LISTED
         return {"values": value.tolist() if is_list else value}
     if isinstance(value, list | tuple):
@@ -233,18 +234,21 @@ def _read_sample(value: Any, path: Path, vary: Vary) -> dict[str, Any]:
     axes = sample.axes()
     paths: dict[str, Path] = {name: (*path, "of", name) for name in axes}
     for name, axis in axes.items():
-        _check_order(axis, paths[name], vary)
+        _check_ends(axis, paths[name], vary)
     vary.groups.append(Group(axes, paths))
     return sample.model_dump(mode="json")
 
 
-def _check_order(axis: Axis, path: Path, vary: Vary) -> None:
-    """Refuse a random axis whose low end is above its high end; axes with equal steps may descend."""
-    if isinstance(axis, RangeAxis) and axis.drawn and not axis.formulas:
-        low = float(axis.low)
-        high = float(axis.high)
-        if low > high:
-            vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end must come first.")
+def _check_ends(axis: Axis, path: Path, vary: Vary) -> None:
+    """Refuse ends whose difference overflows, and random axes that descend; equal steps may descend."""
+    if not isinstance(axis, RangeAxis) or axis.formulas:
+        return
+    low = float(axis.low)
+    high = float(axis.high)
+    if axis.drawn and low > high:
+        vary.refuse(path, f"goes from {low:g} to {high:g}, but the low end must come first.")
+    elif not axis.logarithmic and math.isinf(high - low):
+        vary.refuse(path, f"goes from {low:g} to {high:g}, but its ends must be less than 1.8e308 apart.")
 
 
 def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:

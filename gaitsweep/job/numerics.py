@@ -14,7 +14,6 @@ from gaitsweep.engine.flow_spectrum import STIFF, decay_per_period
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
 from gaitsweep.engine.solver.methods import Precision, fixed_step_scheme, refusal
 from gaitsweep.engine.sweep.sweep_spec import RequestedEngine
-from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, Flag, LaneCount, Positive, Word, checked, read_real, read_whole
@@ -167,10 +166,7 @@ def suited_to_stiffness(design: Design, run: RunKind, numerics: ResolvedNumerics
         return numerics
     count = min(design.n_rows, MAX_STIFFNESS_ROWS)
     values, starts = design.values_in(np.linspace(0, design.n_rows - 1, count).astype(np.int64))
-    places = sorted(run.places(), key=lambda place: list(place.values()))
-    for place in places[:: max(1, (len(places) - 1) // 2)]:
-        placed = {**values, **{name: np.full(count, at) for name, at in place.items()}}
-        placed = resolve(design.following(*place), placed, functions_of(np))
-        if decay_per_period(model, placed, starts) > STIFF:
+    for place in run.extreme_places():
+        if decay_per_period(model, design.with_moved(values, place), starts) > STIFF:
             return dataclasses.replace(numerics, method="rodas5p")
     return numerics

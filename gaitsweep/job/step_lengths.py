@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -29,7 +30,6 @@ from gaitsweep.engine.numerics import (
 from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.engine.stored_traces import dependences, stored
 from gaitsweep.errors import JobError
-from gaitsweep.expression import functions_of, resolve
 from gaitsweep.kinds import RunKind
 from gaitsweep.schema.diagnostics import Diagnostic
 
@@ -91,13 +91,10 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
     model = design.model
     all_names = [quantity.name for quantity in model.parameters]
     names = all_names if model.host_parameters else _deciding_names(model, numerics)
-    positions = sorted({position for name in names for position in design.spans(name)})
-    count = math.prod(design.groups[position].length for position in positions)
     most = MAX_RECOMMENDED if numerics.dt is None else MAX_SETS
     if model.host_parameters:
         most = MAX_COSTLY_SETS
-    sets = np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.int64)
-    rows = design.rows_over(sets, positions)
+    rows, count = design.combinations(names, most)
     dt, longest = _steps(design, run, numerics, rows)
     return RowSteps(rows, design.n_rows / count, dt, longest, count > most)
 
@@ -116,7 +113,7 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     steps = row_steps(design, run, numerics)
     longest = steps.longest
     if np.isnan(longest).any():
-        longest = _from_spectrum(design, numerics, steps)
+        longest = _from_spectrum(design, run, numerics, steps)
     wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)
     if not wrong.size:
         return []
@@ -197,8 +194,7 @@ def _steps(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows)
     # few sizes are compiled: that of a small set of rows, and full chunks
     size = n if n <= MAX_COSTLY_SETS else _CHUNK
     for place in run.places():
-        moved = {name: np.full(n, value) for name, value in place.items()}
-        row_values = resolve(design.following(*place), {**values, **moved}, functions_of(np))
+        row_values = design.with_moved(values, place)
         padded = {
             name: np.resize(np.broadcast_to(column, rows.shape).astype(float), size)
             for name, column in row_values.items()
@@ -240,25 +236,28 @@ def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
     return stored("deciding", model, (numerics,), deciding)
 
 
-def _from_spectrum(design: Design, numerics: ResolvedNumerics, steps: RowSteps) -> PerRow:
+def _from_spectrum(design: Design, run: RunKind, numerics: ResolvedNumerics, steps: RowSteps) -> PerRow:
     """Compute the longest steps of rows whose model gives none.
 
-    They follow from the flow's matrix where it is linear, and are a share of the nominal period elsewhere.
-    Rows that are not examined have no limit.
+    They follow from the flow's matrix where it is linear, and are a share of the nominal period elsewhere;
+    of a moving parameter the least, the middle and the largest value count. Rows that are not examined have
+    no limit.
     """
     model = design.model
-    examined = np.unique(np.linspace(0, steps.rows.size - 1, MAX_COSTLY_SETS).astype(int))
+    places = run.extreme_places()
+    count = max(1, MAX_COSTLY_SETS // len(places))
+    examined = np.unique(np.linspace(0, steps.rows.size - 1, count).astype(int))
     longest = np.full(steps.rows.size, np.inf)
     # a map may take one step a period
     min_steps = MIN_STEPS_PER_PERIOD if isinstance(model, HybridModel) else 1.0
-    for place in examined:
-        values, starts = design.values_in(steps.rows[[place]])
-        params = model.params(_only_row(model.on_host(values)))
+    for number, place in itertools.product(examined, places):
+        values, starts = design.values_in(steps.rows[[number]])
+        params = model.params(_only_row(model.on_host(design.with_moved(values, place))))
         limit = float(model.period(params)) / min_steps
         if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:
             state = model.init(params, _only_row(starts))
             limit = min(limit, slowest_limit(model, params, state, numerics.method))
-        longest[place] = limit
+        longest[number] = np.fmin(longest[number], limit)
     return longest
 
 

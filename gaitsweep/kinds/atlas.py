@@ -19,8 +19,6 @@ from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.errors import JobError
-from gaitsweep.expression import ExpressionError
 from gaitsweep.kinds.atlas_block import AtlasBlock, DrawnStarts
 from gaitsweep.kinds.columns import Column, changing, observed_at_crossings
 from gaitsweep.kinds.fixed_points import (
@@ -201,7 +199,7 @@ class Atlas(FollowsFixedPoints):
                 text = f"is a formula of other parameters here: {rows.derived[name]}; give a number."
                 yield Diagnostic(field, text)
             else:
-                yield from [*_falling(field, bounds)] or _beginning_outside(rows, name, bounds)
+                yield from [*_falling(field, bounds)] or _beginning_outside(rows, field, bounds)
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         """Searches with all periods, and some branches; at most all starts and branches that are allowed."""
@@ -268,19 +266,14 @@ def _falling(field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:
         yield Diagnostic(field, text)
 
 
-def _beginning_outside(rows: Design, name: str, bounds: Sequence[float]) -> Iterator[Diagnostic]:
+def _beginning_outside(rows: Design, field: Path, bounds: Sequence[float]) -> Iterator[Diagnostic]:
     """A diagnostic of rows that begin outside the range of the second parameter."""
-    try:
-        parameters, _ = rows.values_in(np.arange(rows.n_rows))
-    except (ExpressionError, JobError):  # which the checks of formulas report
-        return
+    name = str(field[-1])
     low, high = bounds
-    begins = parameters.get(name, np.zeros(0))  # an unknown name is reported by the checks of movements
-    outside = np.flatnonzero(~((begins >= low) & (begins <= high)))
-    if outside.size:
-        at = f"{begins[outside[0]]:g} in row {outside[0]}"
-        text = f"is from {low:g} to {high:g}, but {name} begins at {at}: rows must begin within the range."
-        yield Diagnostic(("run", "second", name), text)
+    begins = rows.settings.get(name, low)  # names that vary or are unknown are reported elsewhere
+    if not low <= float(begins) <= high:
+        text = f"is from {low:g} to {high:g}, but {name} begins at {begins:g}: rows must begin within the "
+        yield Diagnostic(field, f"{text}range.")
 
 
 def _event_times(model: Model) -> dict[str, Quantity]:

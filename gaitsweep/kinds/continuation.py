@@ -27,7 +27,7 @@ from gaitsweep.kinds.fixed_points import (
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost
 from gaitsweep.schema.diagnostics import Diagnostic
-from gaitsweep.schema.numbers import Real, Text
+from gaitsweep.schema.numbers import Flag, Real, Text
 
 # Images and derivatives of the map for each point of a branch: without folds; and with folds, where steps are
 # tried again and bifurcations are located. Measured on two models.
@@ -66,7 +66,7 @@ class Continuation(FollowsFixedPoints):
         description="value at which the branch starts, and the other end of its range",
     )
 
-    crossing: bool = Field(
+    crossing: Flag = Field(
         default=False,
         description="whether to follow the branches that cross at branch points too, in both directions",
     )

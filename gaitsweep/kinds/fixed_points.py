@@ -39,7 +39,7 @@ from gaitsweep.kinds.run_kind import (
     table_columns,
 )
 from gaitsweep.schema.diagnostics import Diagnostic
-from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Text
+from gaitsweep.schema.numbers import Count, CountOrZero, Flag, Positive, Text
 from gaitsweep.status import Status
 
 # Values of a kind of bifurcation that a sentence lists.
@@ -87,7 +87,7 @@ class FollowsFixedPoints(TableRunKind):
     point_names: ClassVar[tuple[str, ...]] = ("point",)
     idle_without: ClassVar = {"stationary": ("stationary", "without")}
 
-    stationary: bool = Field(
+    stationary: Flag = Field(
         default=False,
         description="whether to follow stationary points of the flow, where it rests, and not cycles",
     )

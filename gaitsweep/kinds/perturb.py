@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
@@ -232,10 +231,7 @@ class Perturb(SettlesRows):
             text = f"is {stepped}, but {name} = {formula} follows it: give {name} as a number under params."
             return [Diagnostic(("run", "step"), text)]
         amount = f"{PREFIX}{stepped}"
-        spans = sorted({*rows.spans(stepped), *rows.spans(amount)})
-        count = math.prod(rows.groups[group].length for group in spans)
-        points = np.unique(np.linspace(0, count - 1, min(count, MAX_CHECKED)).astype(np.int64))
-        checked_rows = rows.rows_over(points, spans)
+        checked_rows, _ = rows.combinations([stepped, amount], MAX_CHECKED)
         values = rows.at(checked_rows, [stepped, amount])
         reached = values[stepped] + values[amount]
         quantity = next(q for q in model.parameters if q.name == stepped)
@@ -270,8 +266,10 @@ def _settled_rows(
         model: the model.
 
     Raises:
-        ArgumentError: the table has no states, or is that of another model.
+        ArgumentError: the table has no states, is joined of several, or is that of another model.
     """
+    if "joined" in table.attrs:  # whose rows differ in constants that its job has not
+        raise ArgumentError("it is joined of several results by gs.concat: use one of the results.")
     job = table.attrs.get("job", {})
     if job.get("run", {}).get("kind") != "settle" or not job["run"].get("states"):
         raise ArgumentError("it has no states of its rows: run its job as {kind: settle, states: true}.")

@@ -168,6 +168,12 @@ class RunKind(StrictModel, abc.ABC):
         along = [path_values(movement.values) for movement in self.movements]
         return (dict(zip(names, at, strict=True)) for at in itertools.product(*along))
 
+    @final
+    def extreme_places(self) -> list[Mapping[str, float]]:
+        """The `places` with the least, the middle and the largest values."""
+        places = sorted(self.places(), key=lambda place: list(place.values()))
+        return places[:: max(1, (len(places) - 1) // 2)]
+
     @abc.abstractmethod
     def recorder(self, model: Model) -> Recorder:
         """Recorder of each trajectory, which also decides when the trajectory ends."""
@@ -296,6 +302,15 @@ def check_derivative(model: Model, method: str) -> list[Diagnostic]:
         return []
     text = f"is {method}, with which a return map has no derivative: {refusal}"
     return [] if refusal is None else [Diagnostic(("numerics", "method"), text)]
+
+
+def check_path(path: Sequence[float]) -> list[Diagnostic]:
+    """A diagnostic of the first value of `run.path` that is equal to the value before it."""
+    for index, (before, value) in enumerate(itertools.pairwise(path), start=1):
+        if value == before:
+            text = f"is {value:g}, like the value before it: remove one of the two."
+            return [Diagnostic(("run", "path", index), text)]
+    return []
 
 
 def path_values(path: Sequence[float]) -> Iterator[float]:

@@ -31,7 +31,7 @@ from gaitsweep.kinds.columns import (
     observed_at_crossings,
     rests_at_crossings,
 )
-from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind, check_path
 from gaitsweep.kinds.settle import check_tolerance, tolerance_field
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Positive, PositiveOrEach, Real, Text
@@ -92,19 +92,12 @@ class Staircase(RunKind):
         ]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return [*self._check_stairs(), *check_tolerance(self.tolerance, rows.model)]
-
-    def _check_stairs(self) -> list[Diagnostic]:
-        pairs = list(itertools.pairwise(self.path))
-        for index, (before, value) in enumerate(pairs, start=1):
-            if value == before:
-                text = f"is {value:g}, like the value before it: remove one of the two."
-                return [Diagnostic(("run", "path", index), text)]
-        stairs = 1.0 + sum(max(1.0, abs(b - a) / self.step) for a, b in pairs)
+        wrong = [*check_path(self.path), *check_tolerance(self.tolerance, rows.model)]
+        stairs = 1.0 + sum(max(1.0, abs(b - a) / self.step) for a, b in itertools.pairwise(self.path))
         if stairs > MOST_STAIRS:
             text = f"is {self.step:g}, which gives {stairs:.6g} stairs; at most {MOST_STAIRS} are allowed."
-            return [Diagnostic(("run", "step"), text)]
-        return []
+            wrong.append(Diagnostic(("run", "step"), text))
+        return wrong
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
         return rests_at_crossings(model, records, records["settled"].to_numpy(bool))

@@ -38,7 +38,7 @@ from gaitsweep.kinds.columns import (
     rests_at_crossings,
     signals,
 )
-from gaitsweep.kinds.run_kind import Cost, RunKind
+from gaitsweep.kinds.run_kind import Cost, RunKind, check_path
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import Count, CountOrZero, Flag, NotNegative, Positive, Real, Text
 
@@ -128,6 +128,9 @@ class Ramp(RunKind):
         observed = [*observed_at_crossings(model), *([GAIT] if self.gaits else [])]
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed]
 
+    def check(self, rows: Design, method: str) -> list[Diagnostic]:
+        return check_path(self.path)
+
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
         return rests_at_crossings(model, records, records["crossing"].notna().to_numpy(bool))
 
@@ -207,7 +210,7 @@ class Trace(RunKind):
         if self.after_cycles:
             text = f"is {self.after_cycles}, but {self.parameter} moves from the start of a row: "
             return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell instead.")]
-        return []
+        return check_path(self.turns)
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         samples = self.recorder(rows.model).samples

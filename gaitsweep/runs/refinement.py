@@ -28,6 +28,7 @@ from gaitsweep.runs.prepare import RunContext, row_values
 from gaitsweep.runs.progress import Progress, so_far
 from gaitsweep.status import Status
 from gaitsweep.table import ResultDirectory, load
+from gaitsweep.table.frames import with_same_categories
 from gaitsweep.table.manifest import Layout
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
@@ -94,7 +95,8 @@ class Refinement:
             gaits.update(str(gait) for gait in frame["gait"].dropna())
             simulated += rows.size
             self.directory.update_manifest(refinement={"rounds": len(frames), "simulated": simulated})
-        self._write_parts(pd.concat(frames).sort_values("row"), inferred(known, self.grid).reshape(-1))
+        simulated_rows = pd.concat(with_same_categories(frames)).sort_values("row")
+        self._write_parts(simulated_rows, inferred(known, self.grid).reshape(-1))
         on_progress(known.size, known.size, 0.0, 1.0, f"{known.size - simulated} rows are inferred")
 
     def _round(
@@ -129,7 +131,7 @@ class Refinement:
             own_rows = simulated.iloc[np.searchsorted(at, start) : np.searchsorted(at, stop)]
             others = np.setdiff1d(np.arange(start, stop, dtype=np.int64), own_rows["row"])
             filled = self._inferred_frame(others, labels[others], simulated)
-            parts: Sequence[pd.DataFrame] = [part for part in (own_rows, filled) if len(part)]
+            parts = [part for part in with_same_categories([own_rows, filled]) if len(part)]
             frame = parts[0] if len(parts) == 1 else pd.concat(parts)
             self.directory.write_part(number, frame.sort_values("row", ignore_index=True))
 

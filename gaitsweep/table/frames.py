@@ -73,8 +73,30 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
     frame = joined.to_pandas(self_destruct=True)
     for name in names:
         if name in parts.categories:
-            frame[name] = frame[name].cat.set_categories(list(parts.categories[name]))
+            # of parts that have such a column as plain text too, whose footers have no categories
+            categories = parts.categories[name] | dict.fromkeys(frame[name].cat.categories)
+            frame[name] = frame[name].cat.set_categories(list(categories))
     return frame
+
+
+def with_same_categories(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
+    """Return frames in which categorical columns of one name have the same categories in the same order.
+
+    They are those of the first frame, then new ones of the others; outcomes that are no gaits are the last.
+    """
+    dtypes: dict[str, pd.CategoricalDtype] = {}
+    for name in dict.fromkeys(name for frame in frames for name in frame.columns):
+        columns = [frame[name] for frame in frames if name in frame.columns]
+        if any(isinstance(column.dtype, pd.CategoricalDtype) for column in columns):
+            values: dict[Any, None] = {}  # of all frames, in order
+            for column in columns:
+                categories = getattr(column.dtype, "categories", None)
+                values |= dict.fromkeys(column.dropna().unique() if categories is None else categories)
+            dtypes[name] = pd.CategoricalDtype(sorted(values, key=lambda value: value in set(Outcome)))
+    return [
+        frame.astype({name: dtype for name, dtype in dtypes.items() if name in frame.columns})
+        for frame in frames
+    ]
 
 
 def _encoded(table: pa.Table, names: Sequence[str], categorical_names: Container[str]) -> pa.Table:
@@ -82,7 +104,7 @@ def _encoded(table: pa.Table, names: Sequence[str], categorical_names: Container
     columns = {name: table.column(name) for name in names if name in table.column_names}
     for name, column in columns.items():
         if name in categorical_names and not pa.types.is_dictionary(column.type):
-            columns[name] = column.dictionary_encode()
+            columns[name] = column.cast(pa.string()).dictionary_encode()
     return pa.table(columns)
 
 

@@ -61,23 +61,28 @@ class Lock:
             if error.errno == errno.ELOOP:
                 raise TableError(f"{path} is a link, which is not allowed here: remove it.") from None
             raise
+        try:
+            self._take(path, shared=shared)
+        except BaseException:  # such as of a full disk, after which the lock is free again
+            self.release()
+            raise
+
+    def _take(self, path: Path, *, shared: bool) -> None:
+        """Lock the open file at `path`, and write the name of this process into it."""
         status = os.fstat(self._descriptor)
         # writing to a file with a second name (a hard link) would change that file, too
         if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
-            self.release()
             raise TableError(f"{path} is not a lock file of gaitsweep: remove it.")
         try:
             fcntl.flock(self._descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except OSError as error:
             holder = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                self.release()
                 raise BusyDirectory(
-                    f"Another run ({holder or 'unknown process'}) is writing to {folder}: "
+                    f"Another run ({holder or 'unknown process'}) is writing to {path.parent}: "
                     "wait until it ends, stop it, or choose another directory with --out."
                 ) from None
             if error.errno not in _NO_LOCKS:
-                self.release()
                 raise
             self.file_system_has_locks = False
         self._erases_name = not shared

@@ -153,6 +153,15 @@ def test_memory_does_not_grow_with_the_rows() -> None:
     assert peak < 20e6  # bytes; the rows themselves would take 24e9
 
 
+def test_combinations_of_names_are_rows() -> None:
+    vary = {"mass": [1, 2], "zip": {"stiffness": [3, 4, 5], "preload": [1, 1, 1]}, "launch_1": ["mass", 2]}
+    design = toy(vary=vary).design
+    rows, count = design.combinations(["stiffness", "mass"], 10)
+    assert (rows.tolist(), count) == ([0, 2, 4, 6, 8, 10], 6)
+    assert design.combinations(["launch_1"], 3)[0].tolist() == [0, 1, 7]
+    assert design.combinations(["ceiling"], 10)[0].tolist() == [0]
+
+
 def test_large_formulas_are_checked_block_by_block() -> None:
     """With too many combinations to try beforehand, the block with the first bad row is refused."""
     vary = {"mass": {"linspace": [1, 2, 2000]}, "launch_1": {"linspace": ["2-mass", 3, 2000]}}

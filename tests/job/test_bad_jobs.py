@@ -178,6 +178,10 @@ LINES: list[tuple[int, str, list[str]]] = [
     (5, "  sample: {n: 3, of: {lunch_1: [1, 3]}}", ["line 5", "did you mean launch_1?"]),
     (5, "  sample: {n: 3, method: sobel, of: {launch_1: [1, 3]}}", ["method", "did you mean sobol?"]),
     (5, "  sample: 3", ["line 5", "vary.sample is 3", "Allowed: n, seed, method, of"]),
+    (5, "  sample: []", ["line 5", "vary.sample is an empty list"]),
+    (5, "  zip: []", ["line 5", "vary.zip is an empty list"]),
+    (5, "  preload: {linspace: [-1e308, 1e308, 3]}", ["line 5", "goes from -1e+308", "1.8e308 apart"]),
+    (5, "  preload: {random: [-1e308, 1e308, 3]}", ["line 5", "goes from -1e+308", "1.8e308 apart"]),
     (4, "vary: [launch_1]\nx:", ["line 4", "vary is a list", "name: axis"]),
     (
         5,
@@ -240,6 +244,28 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (6, "run: {kind: ramp, parameter: preload, path: [1], rate: 1}", ["line 6", "run.path has 1 items"]),
     (6, "run: {kind: ramp, parameter: preload, path: [1, 0], rate: 1}", ["run.path[1] is 0", "above 0"]),
+    (6, "run: {kind: ramp, parameter: preload, path: [1, 1], rate: 1}", ["run.path[1] is 1, like the value"]),
+    (
+        6,
+        "run: {kind: trace, duration: 1, every: 0.1, parameter: preload, path: [1, 2, 2], rate: 1}",
+        ["run.path[2] is 2, like the value"],
+    ),
+    (
+        6,
+        "run: {kind: continuation, parameter: preload, path: [1, 2], crossing: yes}",
+        ["line 6", 'run.crossing is "yes", but must be true or false'],
+    ),
+    (
+        6,
+        "run: {kind: atlas, parameter: preload, path: [1, 2], ranges: {launch_1: [1, 2]}, "
+        "second: {stiffness: [1, 2]}}",
+        ["line 6", "run.second.stiffness is from 1 to 2, but stiffness begins at 4"],
+    ),
+    (
+        6,
+        "run: {kind: continuation, parameter: preload, path: [1, 2], stationary: 1}",
+        ["line 6", "run.stationary is 1, but must be true or false"],
+    ),
     (
         6,
         "run: {kind: ramp, parameter: preload, path: 3, rate: 1}",

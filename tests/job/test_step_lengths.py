@@ -59,6 +59,16 @@ def test_an_explicit_step_is_refused_where_it_is_too_long(numerics: dict, senten
     Job(**fields, numerics={"method": "propagator6", "dt": 25e-3})
 
 
+@pytest.mark.parametrize("path", [[3.0, 300.0], [300.0, 3.0]])
+def test_the_limit_from_a_period_covers_the_whole_path(path: list[float]) -> None:
+    """Also of a model that tells no fast modes; the direction of the path makes no difference."""
+    run = {"kind": "ramp", "parameter": "rate", "path": path, "rate": 10}
+    fields: dict[str, Any] = {"name": "fast", "start": {"theta_1": 1, "theta_2": 2}, "run": run}
+    with pytest.raises(JobError, match=r"longest accurate step of rk4 for all of them is 0\.00125 s"):
+        Job(model="landscape_model:FasterLandscape", **fields, numerics={"method": "rk4", "dt": 0.02})
+    Job(model="landscape_model:FasterLandscape", **fields, numerics={"method": "rk4", "dt": 1.2e-3})
+
+
 def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:
     """Also where some rows of the job are simulated, as in a round of a refined run."""
     start = {"psi_1": 1, "psi_2": 2, "psi_3": 3}

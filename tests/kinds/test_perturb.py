@@ -25,6 +25,7 @@ from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.job import Job, JobError
 from gaitsweep.kinds import Settle
+from gaitsweep.kinds.perturb import Perturb
 from tests.support.host_card import HostCard, compiler
 from tests.support.sweeping import run_rows, same
 
@@ -435,6 +436,16 @@ def test_settled_rows_of_a_table_are_pushed_as_rows_that_settle_anew(tmp_path: P
     np.testing.assert_array_equal(
         in_memory["phase_shift"], again["phase_shift"][again["gait_before"] == "2:1"]
     )
+
+
+def test_rows_of_a_joined_table_are_not_pushed() -> None:
+    """Its jobs may vary different parameters."""
+    table = pd.DataFrame({"row": [0]})
+    table.attrs = {"joined": [], "job": {"model": "hopper", "run": {"kind": "settle", "states": True}}}
+    pushed_model = PushedModel(Hopper(), ("launch",), resumes=True)
+    run = {"kind": "perturb", "push": ["launch"], "after": table}
+    _, wrong = Perturb.filled({"model": "hopper", "run": run}, pushed_model)
+    assert "run.after is a table in memory: it is joined of several results" in str(wrong[0])
 
 
 @pytest.mark.slow

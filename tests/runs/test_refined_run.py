@@ -199,6 +199,22 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
     assert shares[-1] > 0.9
 
 
+def test_stalled_rows_keep_the_names_of_their_events(tmp_path: Path) -> None:
+    """Blocks of inferred rows alone, and blocks with stalled rows, have columns of the same types."""
+    cells = {"linspace": [0, TURN, 32], "at": "centre"}
+    fields = {"params": {"cliff": 0.9}, "vary": {"theta_2": cells, "theta_1": cells}, "figures": []}
+    stuck = job(model="landscape_model:StuckLandscape", engine={"block": 4, "lanes": 32}, verify=0, **fields)
+    table = gs.run(stuck, tmp_path / "out").table
+    is_inferred = (table["status"] == "inferred").to_numpy(bool).reshape(-1, 4)
+    assert np.all(is_inferred, axis=1).any()
+    stalled = (table["status"] == "event_stall").to_numpy(bool)
+    assert stalled.any()
+    names = table["stalled_by"].astype(object)
+    assert set(names[stalled]) == {"a second ends"}
+    assert np.all(names[~stalled].isna())
+    assert table["stalled_by"].cat.categories.tolist() == ["a second ends"]
+
+
 @pytest.mark.parametrize(
     ("run", "vary", "said"),
     [

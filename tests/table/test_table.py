@@ -174,6 +174,18 @@ def test_parts_of_different_versions_are_joined(tmp_path: Path) -> None:
     assert table["count"].dropna().tolist() == [3, 3]
 
 
+def test_text_without_categories_is_joined_with_a_column_that_has_none(tmp_path: Path) -> None:
+    """As earlier refined runs wrote the events of stalled rows, beside parts of inferred rows alone."""
+    of_parts = [["b lands", None, None, "a"], pd.Categorical([None] * 4, ["a"]), pd.Categorical([None] * 2)]
+    with open_toy(tmp_path / "toy") as directory:
+        for number, stalled_by in enumerate(of_parts):
+            frame = block_frame(*directory.layout.rows_of(number))
+            directory.write_part(number, frame.assign(stalled_by=stalled_by))
+    table = load(tmp_path / "toy")
+    assert table["stalled_by"].dropna().tolist() == ["b lands", "a"]
+    assert list(table["stalled_by"].cat.categories) == ["a", "b lands"]
+
+
 def test_memory_contains_the_wanted_columns_and_one_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -314,6 +326,20 @@ def test_two_writers_at_once(tmp_path: Path) -> None:
         open_toy(tmp_path / "toy")
     open_toy(tmp_path / "toy").close()
     assert (tmp_path / "toy" / ".lock").read_text() == ""  # nothing of the machine's name stays
+
+
+def test_a_directory_that_could_not_be_locked_is_free_in_the_same_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with pytest.raises(WriteError, match="the disk is full"):
+            open_toy(tmp_path / "toy")
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
 
 
 def test_a_file_that_two_write_at_once_is_whole(tmp_path: Path) -> None:

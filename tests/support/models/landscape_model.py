@@ -112,6 +112,34 @@ class Landscape(HybridModel):
         return 0.0 * params["rate"] + 1.0
 
 
+@dataclasses.dataclass(frozen=True)
+class FasterLandscape(Landscape):
+    """The landscape with cycles that are shorter where it is faster."""
+
+    name: ClassVar[str] = "faster_landscape"
+
+    def period(self, params: dict[str, jax.Array]) -> jax.Array:
+        return 3.0 / params["rate"]
+
+
+@dataclasses.dataclass(frozen=True)
+class StuckLandscape(Landscape):
+    """The landscape in which the jump keeps its event's surface where cos(theta_2) > cliff."""
+
+    name: ClassVar[str] = "stuck_landscape"
+
+    @property
+    def guard_names(self) -> tuple[str, ...]:
+        return ("a second ends",)
+
+    def jump(self, params: dict[str, jax.Array], state: State, fired: jax.Array) -> State:
+        stuck = jnp.cos(state.theta[1]) > params["cliff"]
+        return dataclasses.replace(state, clock=jnp.where(fired[0] & ~stuck, 0.0, state.clock))
+
+    def failed(self, params: dict[str, jax.Array], state: State) -> jax.Array:
+        return jnp.zeros((), bool)
+
+
 def curve(params: Mapping[str, jax.Array], theta_2: jax.Array) -> jax.Array:
     """The angle theta_1 (rad) of the near curve."""
     return params["shift"] + params["bend"] * jnp.sin(theta_2)
