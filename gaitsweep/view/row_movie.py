@@ -97,7 +97,7 @@ def write_movie(
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
         with _writing(target, own=out is None):
-            movie_file.save(target, _counted(frames, count, on_progress), fps, colours)
+            movie_file.save(target, _counted(frames, count, on_progress), count, fps, colours)
     return target
 
 

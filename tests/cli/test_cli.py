@@ -640,6 +640,7 @@ def test_formats_of_sizes_and_durations() -> None:
         "2.3 days",
     ]
     assert [size(number) for number in (12, 35e6, 4.2e12)] == ["12 bytes", "35 MB", "4.2 TB"]
+    assert size(999.7e3) == "1 MB"
 
 
 @pytest.mark.slow

@@ -653,7 +653,11 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
 
     assert "is not a column of this table" in said("--x", "x_00")
     assert "Both axes would be x_0" in said("--x", "x_0", "--y", "x_0")
-    assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
+    assert "max_size is 0.5 MB" in said("--max-size", "0.5")
+    for size in ("nan", "inf", "0"):
+        assert f"max_size is {size} MB, but must be a finite number above 0" in said("--max-size", size)
+    for option in ("--replays", "--walks"):
+        assert "replays is -1, but must be 0 or more" in said(option, "-1")
     job = gs.Job(
         name="trace", model="double_well:DoubleWell", verify=0,
         run={"kind": "trace", "duration": 1.0, "every": 0.1},
