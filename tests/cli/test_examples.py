@@ -116,7 +116,7 @@ def test_windows_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch, capsy
 
 def test_windows_is_refused_without_modules_that_it_lacks() -> None:
     code = (
-        "import sys, multiprocessing, typer\n"  # which have modules of Windows alone where that is the platform
+        "import sys, multiprocessing, typer\n"  # which import modules of Windows there
         "sys.modules |= dict.fromkeys(('resource', 'fcntl'))\n"
         "sys.platform = 'win32'\n"
         "from gaitsweep.cli import main\n"
