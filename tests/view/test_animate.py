@@ -25,6 +25,7 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.job import Job
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
@@ -487,6 +488,17 @@ def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: p
     with pytest.raises(movie.PlotError, match=r"could not write the movie: no such codec\.$"):
         movie.write_movie(chain, out, seconds=8.0, fps=5.0, size=(320, 180))
     assert int(out.read_text()) == 5 * 320 * 180 * 3
+
+
+def test_a_skeleton_that_is_not_finite_is_refused(chain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    of_chain = Multilegged.skeleton
+
+    def lost(self: Any, *arguments: Any) -> Skeleton:
+        return side_view.with_points(of_chain(self, *arguments), lambda points: points * np.nan)
+
+    monkeypatch.setattr(Multilegged, "skeleton", lost)
+    with pytest.raises(movie.PlotError, match=r"skeleton that cannot be drawn: .* not finite"):
+        movie.write_movie(chain)
 
 
 @pytest.mark.parametrize("fps", [25.0, 30.0, 40.0, 48.0])
