@@ -177,7 +177,7 @@ class FixedPointsOfModel(abc.ABC):
         self._require_fixed_points()
         points = self._points(x)[0]
         begin = self._begin(points, parameter)
-        ends = within if isinstance(within, Sequence | np.ndarray) else ()
+        ends: list[Any] = list(within) if np.iterable(within) else []
         numbers = [isinstance(end, int | float | np.number) and math.isfinite(end) for end in ends]
         if numbers != [True, True] or ends[0] == ends[1]:
             raise ArgumentError(f"within is {within!r}, but must be two different finite numbers.")
