@@ -629,6 +629,11 @@ def test_the_schema_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert "no such file" in capsys.readouterr().err
 
 
+def test_claims_are_named(capsys: Capture) -> None:
+    assert main(["reproduce", "ambe2021", "--claims", " , "]) == 2
+    assert "--claims: names no claim" in capsys.readouterr().err
+
+
 def test_formats_of_sizes_and_durations() -> None:
     assert [duration(seconds) for seconds in (0.5, 90, 119, 120, 3600, 7200, 200_000)] == [
         "0.5 s",
