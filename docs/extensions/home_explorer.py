@@ -35,7 +35,7 @@ def write_page() -> None:
         result = f"{folder}/quick_basins"
         for words in (
             ["run", str(JOB), "--out", result],
-            ["explore", result, "--walks", "100", "--out", str(MADE / PAGE)],
+            ["explore", result, "--replays", "100", "--out", str(MADE / PAGE)],
         ):
             subprocess.run([sys.executable, "-m", "gaitsweep", *words], cwd=ROOT, check=True)
     stamp.write_text(digest)

@@ -7,6 +7,7 @@ points.
 from __future__ import annotations
 
 import abc
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
@@ -159,7 +160,7 @@ class FixedPointsOfModel(abc.ABC):
 
         Raises:
             ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
-                the range, the range is not two numbers, or `towards` is no direction.
+                the range, the range is not two finite numbers, or `towards` is no direction.
 
         Example:
             The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
@@ -176,15 +177,16 @@ class FixedPointsOfModel(abc.ABC):
         self._require_fixed_points()
         points = self._points(x)[0]
         begin = self._begin(points, parameter)
-        numbers = [isinstance(end, int | float | np.number) for end in within]
-        if numbers != [True, True] or not min(within) < max(within):
-            raise ArgumentError(f"within is {within!r}, but must be two different numbers.")
+        ends: list[Any] = list(within) if np.iterable(within) else []
+        numbers = [isinstance(end, int | float | np.number) and math.isfinite(end) for end in ends]
+        if numbers != [True, True] or ends[0] == ends[1]:
+            raise ArgumentError(f"within is {within!r}, but must be two different finite numbers.")
         if towards not in (None, 1, -1):
             raise ArgumentError(f"towards is {towards!r}, but must be 1, -1, or None for both directions.")
         low, high = min(within), max(within)
-        if not (low <= begin.min() and begin.max() <= high):
+        for value in begin[~((low <= begin) & (begin <= high))][:1]:
             raise ArgumentError(
-                f"{parameter} is {begin[0]:g} at the map's points, but the range is from {low:g} to {high:g}."
+                f"{parameter} is {value:g} at the map's points, but the range is from {low:g} to {high:g}."
             )
         mapping: Map = self.mapping
         fixed = self.conserved if fix is None else names_in(fix)
@@ -316,8 +318,10 @@ class FixedPointsOfModel(abc.ABC):
         points, halts = self._once.settled(start_values, self._values, cycles * self._period)
         failed = int(np.count_nonzero(halts))
         if failed:
+            crossings = cycles * self._period
             warnings.warn(
-                f"{failed} of {len(points)} starts did not cross the section {cycles} times.", stacklevel=2
+                f"{failed} of {len(points)} starts did not cross the section {crossings} times.",
+                stacklevel=3,
             )
         return points
 

@@ -147,13 +147,21 @@ def _parts(frame: pd.DataFrame) -> list[dict[str, Any]]:
         For each job its hash, the range of the table's rows that are of it, and `shift`, the difference
         between these numbers and those of the job. Rows of a table without a hash have no part.
     """
-    if "joined" in frame.attrs:
-        return frame.attrs["joined"]
-    job_hash = (frame.attrs.get("manifest") or {}).get("job_hash")
-    if job_hash is None or "row" not in frame.columns or not len(frame):
+    if "row" not in frame.columns or not len(frame):
         return []
     rows = frame["row"].to_numpy()
-    return [{"job_hash": job_hash, "first": int(rows.min()), "last": int(rows.max()), "shift": 0}]
+    if "joined" not in frame.attrs:
+        job_hash = (frame.attrs.get("manifest") or {}).get("job_hash")
+        return [] if job_hash is None else [_part(rows, {"job_hash": job_hash, "shift": 0})]
+    in_parts = [
+        (part, rows[(rows >= part["first"]) & (rows <= part["last"])]) for part in frame.attrs["joined"]
+    ]
+    return [_part(of_part, part) for part, of_part in in_parts if of_part.size]
+
+
+def _part(rows: Int[np.ndarray, " rows"], of_job: Mapping[str, Any]) -> dict[str, Any]:
+    """The job of some rows, as `_parts` describes it, with their range."""
+    return {**of_job, "first": int(rows.min()), "last": int(rows.max())}
 
 
 def _require_different_rows(frames: Sequence[pd.DataFrame]) -> None:

@@ -109,6 +109,8 @@ class PoincareMap(FixedPointsOfModel):
     def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:
         """Return the section crossings of gaits, (n, period, size), from one crossing of each.
 
+        Crossings are NaN from where a trajectory falls or does not return to the section.
+
         Example:
             Beyond its flip the ball bounces high and low in turns:
 
@@ -120,10 +122,13 @@ class PoincareMap(FixedPointsOfModel):
             [3.658, 2.59]
         """
         points, single = self._points(x)
-        crossings = [points]
+        crossings = [points.at]
+        sound = np.ones(len(points), bool)
         for _ in range(self._period - 1):
-            crossings.append(self._once.images(crossings[-1], self._values).points)
-        orbits = np.stack([crossing.at for crossing in crossings], axis=1)
+            images = self._once.images(points, self._values)
+            points, sound = images.points, sound & images.sound
+            crossings.append(np.where(sound[:, None], points.at, np.nan))
+        orbits = np.stack(crossings, axis=1)
         return orbits[0] if single else orbits
 
     def events(self, x: SectionPoints | ArrayLike) -> list[list[tuple[float, str]]]:
@@ -193,7 +198,8 @@ class PoincareMap(FixedPointsOfModel):
             if name not in places:
                 near = near_miss.suggestion(name, places)
                 raise ArgumentError(f"{name} is no variable of the flow of {self.model.name}{near}")
-        shares = np.arange(phases) / phases if isinstance(phases, int) else np.asarray(phases, np.float64)
+        count = isinstance(phases, int | np.integer)
+        shares = np.arange(phases) / phases if count else np.asarray(phases, np.float64)
         if shares.ndim != 1 or not shares.size or not np.all((shares >= 0.0) & (shares < 1.0)):
             raise ArgumentError("phases are a whole number above 0, or numbers (n,) from 0 to below 1.")
         points = self._points(x)[0]
@@ -205,11 +211,12 @@ class PoincareMap(FixedPointsOfModel):
         return pd.DataFrame({"push_phase": shares, **columns})
 
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
-        """Return the section points of start values after a number of crossings.
+        """Return the section points of start values after a number of applications of the map.
 
         Args:
             starts: numbers or (n,) by name; the others as given to `return_map`, else the model's defaults.
-            cycles: crossings, 0 or more. A trajectory that fails stays where it failed, with a warning.
+            cycles: applications of the map, 0 or more, each of `period` crossings. A trajectory that fails
+                stays where it failed, with a warning.
         """
         return self._settled(starts or {}, cycles)
 

@@ -4,8 +4,8 @@
 or names their files: `run.py` (run, atlas), `fits.py` (search, sensitivity), `analyse.py`, `examples.py`,
 `models.py` (models, check-model, new-model, new-paper), `reproduce.py`, `views.py` (animate, explore).
 `show.py` and `show_fits.py` format what they print, `options.py` has their common options, `progress.py` the
-bar, and `stored_output.py` what complete jobs print again. `gaitsweep.job.load.read_with_overrides` applies
-`--set`.
+bar and stops by Ctrl-C, `new_files.py` writes templates and copies, and `stored_output.py` has what complete
+jobs print again. `gaitsweep.job.load.read_with_overrides` applies `--set`.
 """
 
 from __future__ import annotations

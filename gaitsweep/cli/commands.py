@@ -186,7 +186,9 @@ def _named_colour(text: str) -> tuple[str, str]:
     """The gait and the colour of `--colour GAIT=COLOUR`; refuses other texts."""
     gait, equals, colour = text.partition("=")
     if not equals:
-        raise typer.BadParameter(f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.")
+        raise typer.BadParameter(
+            f"is {text}, but must be GAIT=COLOUR, such as trot=#0072B2.", param_hint="--colour"
+        )
     return gait, colour
 
 

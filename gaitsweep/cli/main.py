@@ -9,7 +9,6 @@ import errno
 import gc
 import io
 import os
-import resource
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,7 +17,6 @@ from typing import Any
 import typer
 
 from gaitsweep.cache_folder import cache_folder
-from gaitsweep.cli.commands import app
 from gaitsweep.errors import EXIT_FAILURE, UserError, exit_code_of_stop, refuse_windows
 from gaitsweep.lazy_imports import lazy_packages
 
@@ -53,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         refuse_windows()
+        from gaitsweep.cli.commands import app  # which Windows cannot import
+
         with lazy_packages(), warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()
@@ -96,6 +96,8 @@ def _of_the_machine(error: Exception) -> str | None:
         except OSError:
             return "The working directory no longer exists: change to another one."
         return f"The output cannot be written: {reason(error)}." if error.errno == errno.ENOSPC else None
+    import resource  # which Windows lacks, where `main` refuses in a sentence
+
     limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
     no_memory = isinstance(error, MemoryError) or any(word in str(error) for word in _NO_MEMORY)
     if no_memory or (limited and isinstance(error, ImportError)):  # a library that cannot be loaded

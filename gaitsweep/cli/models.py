@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import keyword
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -67,7 +68,7 @@ def new_model(
     A hopper in a folder NAME: model, job, test and README.
     """
     _write(to / name, name, {Path(example).name: example for example in _FILES})
-    print(f"Try it: cd {to / name} && gaitsweep run {name}.yaml && pytest")
+    print(f"Try it: cd {shlex.quote(str(to / name))} && gaitsweep run {name}.yaml && pytest")
 
 
 def new_paper(
@@ -79,7 +80,7 @@ def new_paper(
     It has a model, jobs, figures, analyses, measures, claims and a test.
     """
     _write(to / name, name, _PAPER)
-    print(f"Try it: pip install -e {to / name} && gaitsweep reproduce {name} --quick")
+    print(f"Try it: pip install -e {shlex.quote(str(to / name))} && gaitsweep reproduce {name} --quick")
 
 
 def _write(folder: Path, name: str, files: Mapping[str, str]) -> None:

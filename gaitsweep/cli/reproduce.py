@@ -45,7 +45,10 @@ def reproduce(
 
     table_of_claims = read_paper(paper)
     if claims is not None:
-        table_of_claims = table_of_claims.only(claim.strip() for claim in claims.split(","))
+        names = [name for part in claims.split(",") if (name := part.strip())]
+        if not names:
+            raise typer.BadParameter("names no claim.", param_hint="--claims")
+        table_of_claims = table_of_claims.only(names)
     from gaitsweep.claims.reproduce import reproduce as run_and_judge
     from gaitsweep.cli.progress import stoppable_progress
 

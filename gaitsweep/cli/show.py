@@ -312,7 +312,7 @@ def aligned(lines: dict[str, str]) -> str:
 def size(number: float) -> str:
     """Format a number of bytes with a suitable unit."""
     for unit in ("bytes", "kB", "MB", "GB"):
-        if number < 1000:
+        if number < 999.5:  # which would be written as 1e+03
             return f"{number:.3g} {unit}"
         number /= 1000
     return f"{number:.3g} TB"

@@ -168,7 +168,10 @@ def explore(
     replays: Annotated[
         int | None,
         Option(
-            "--walks", metavar="N", help="Largest number of starts that are simulated again; 400 by default."
+            "--replays",
+            "--walks",
+            metavar="N",
+            help="Largest number of starts that are simulated again; 400 by default.",
         ),
     ] = None,
     max_size: Annotated[

@@ -1,7 +1,8 @@
 """Models by their names, and tests of a user's model.
 
 `registry.py` finds models by their names, which extensions give (`Extension.models` in
-`gaitsweep/extension.py`), and imports a user's by `package.module:Class`. `conformity.py` tests the shapes
+`gaitsweep/extension.py`), and imports a user's by `package.module:Class`, from a result directory with
+`--trust` alone. `conformity.py` tests the shapes
 of a model's functions against the contract, and what it states, `value_faults.py` the values at
 `sampled_points.py`, and `starts.py` where a model begins; `traced_program.py` digests the program that the
 functions compute.

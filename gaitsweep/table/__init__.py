@@ -5,9 +5,10 @@ for each block of rows), `SHA256SUMS` (the digest of each part), `figures/` and 
 part that exists is complete; during a run, ended rows of other blocks are in `table/open-00001.parquet` and
 so on.
 
-`directory` writes one, also parts of one beside other processes, `memory` a table without files; `reading`
-reads them. `manifest`, `parquet_parts`, `digests` and `locks` have the names and formats of their files.
-`atomic_files` writes any file whole or not at all, `examination` verifies them, `frames` joins parts.
+`directory` writes one, also parts of one beside other processes, and knows which parts are missing; `memory`
+is a table without files; `reading` reads them. `manifest`, `parquet_parts`, `digests` and `locks` have the
+names and formats of their files. `atomic_files` writes any file whole or not at all, `examination` verifies
+them, `frames` joins parts.
 """
 
 from __future__ import annotations

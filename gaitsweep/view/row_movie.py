@@ -97,7 +97,7 @@ def write_movie(
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
         with _writing(target, own=out is None):
-            movie_file.save(target, _counted(frames, count, on_progress), fps, colours)
+            movie_file.save(target, _counted(frames, count, on_progress), count, fps, colours)
     return target
 
 
@@ -224,12 +224,18 @@ def _prepared(
     """A context with the clip at some times (s), and the function that draws the body.
 
     Raises:
-        PlotError: the model has no skeleton of the row.
+        PlotError: the model has no skeleton of the row, or one that cannot be drawn.
     """
     signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)
     if skeleton is None:
         raise PlotError(f"{motion.model.name} has no skeleton of this row: its function returned None.")
+    points = side_view.points_of(skeleton)
+    if not points.size or not np.isfinite(points).all():
+        raise PlotError(
+            f"{motion.model.name} has a skeleton that cannot be drawn: it has no points, or some that are "
+            "not finite."
+        )
     if lift != 1.0:
         skeleton = side_view.lifted(skeleton, lift)
         renderer = "matplotlib"

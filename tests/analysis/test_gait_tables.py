@@ -78,6 +78,9 @@ def test_all_gaits_in_crossings() -> None:
     assert np.all(result["steady"])
     np.testing.assert_allclose(result["delta_1"], [0.2 * signs(gait)[0] for gait in CHART], atol=1e-9)
     assert list(gaits_in(table, thresholds=(0.3, 0.1))["gait"]) == ["trot"] * 9
+    for threshold in (-0.1, 0.6, np.nan):
+        with pytest.raises(AnalysisError, match=r"threshold is .* cycles, but must be from 0 to 0\.5"):
+            gaits_in(table, thresholds=(0.07, threshold))
 
 
 def test_a_table_of_ends_keeps_the_models_own_gait() -> None:

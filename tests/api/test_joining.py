@@ -94,6 +94,10 @@ def test_rows_of_one_job_are_joined_once() -> None:
     # of a selection of a joined table, the rows that were left out may be joined
     assert len(gs.concat(both.loc[both["mass"] == 1.0], other)) == 4
     assert len(gs.concat(both.loc[both["row"] != 2], table.loc[table["row"] == 1])) == 4
+    # also after this selection has joined a third table, whose rows have the numbers of those left out
+    third = _table(["run"], mass=3.0)
+    third.attrs["manifest"]["job_hash"] = "c"
+    assert len(gs.concat(gs.concat(third, both.loc[both["mass"] == 1.0]), other)) == 5
 
 
 def test_fields_of_the_job_that_differ_are_left_out_of_a_joined_table() -> None:

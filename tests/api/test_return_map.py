@@ -7,6 +7,9 @@ import pytest
 
 import gaitsweep as gs
 import toy_model
+from gaitsweep.examples.bouncing_ball import BouncingBall
+from gaitsweep.examples.hopper import Hopper
+from gaitsweep.examples.rimless_wheel import RimlessWheel
 
 KICK, R = 0.3, 0.4
 FIXED = KICK / (1 - R)  # launch speed of the fixed point of u -> r u + kick
@@ -102,8 +105,12 @@ def test_refusals() -> None:
         mapping.continue_({"launch_1": 1.0}, "kick", (1, 2))
     with pytest.raises(gs.ArgumentError, match="towards is 0, but must be 1, -1"):
         mapping.continue_({"launch_1": 1.0}, "kick", (0.1, 2), towards=0)
-    with pytest.raises(gs.ArgumentError, match="must be two different numbers"):
-        mapping.continue_({"launch_1": 1.0}, "kick", ("a", "b"))  # pyright: ignore[reportArgumentType]
+    for within in (("a", "b"), 0.1, (0.1, np.inf), (0.3, 0.3)):
+        with pytest.raises(gs.ArgumentError, match="must be two different finite numbers"):
+            mapping.continue_({"launch_1": 1.0}, "kick", within)  # pyright: ignore[reportArgumentType]
+    # of several values the one outside the range is named
+    with pytest.raises(gs.ArgumentError, match=r"kick is 0\.5 at the map's points, but the range is"):
+        gs.return_map(TOY, kick=[KICK, 0.5]).continue_({"launch_1": 1.0}, "kick", (0.2, 0.4))
     with pytest.raises(gs.ArgumentError, match="tolerance is -1, but must be above 0"):
         mapping.fixed_points({"launch_1": 1.0}, tolerance=-1)
     with pytest.raises(gs.ArgumentError, match="most is 0 Newton steps, but must be 1"):
@@ -116,3 +123,20 @@ def test_refusals() -> None:
         mapping.continue_({"launch_1": 1.0}, "kik", (1, 2))
     with pytest.raises(gs.ArgumentError, match="lunch is neither a parameter nor a start value"):
         gs.return_map(TOY, lunch=1.0)
+
+
+def test_an_orbit_ends_where_a_trajectory_fails() -> None:
+    ball = gs.return_map(BouncingBall(), G=1.6, period=3)
+    crossings = ball.orbit([0.5, -3.0])  # below the table
+    np.testing.assert_array_equal(crossings[0], [0.5, -3.0])
+    assert np.isnan(crossings[1:]).all()
+    assert np.isnan(ball([0.5, -3.0])).all()
+    with pytest.warns(UserWarning, match=r"1 of 1 starts did not cross the section 6 times"):
+        gs.return_map(RimlessWheel(), period=3).settled({"rate_0": 0.01}, cycles=2)
+
+
+def test_phases_may_be_counted_by_an_integer_of_numpy() -> None:
+    hops = gs.return_map(Hopper(), omega=3.7)
+    gait = hops.fixed_points([0.4, 8.3])
+    table = hops.phase_response(gait, "phase", np.int64(4))
+    assert table["push_phase"].tolist() == [0.0, 0.25, 0.5, 0.75]

@@ -241,6 +241,16 @@ def test_groups_have_their_medians(show: Show) -> None:
     ]
 
 
+def test_groups_of_angles_across_zero_have_medians_among_them(show: Show) -> None:
+    """The median of 0.1, 6.2 and 6.25 rad is 6.25 rad (-0.033), not 6.2; other groups are unchanged."""
+    table = pd.DataFrame({"gait": [*"aaabb"], "psi_1_end": [0.1, 6.2, 6.25, -1.0, -2.0]})
+    lines = show(table, "summary", "--by", "gait", "--of", "psi_1_end").splitlines()
+    assert [line.split() for line in lines[1:]] == [
+        ["a", "3", "-0.033185", "-0.083185", "0.1"],
+        ["b", "2", "-1.500000", "-2.000000", "-1.0"],
+    ]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -632,6 +632,11 @@ def test_the_schema_is_written(tmp_path: Path, capsys: Capture) -> None:
     assert "no such file" in capsys.readouterr().err
 
 
+def test_claims_are_named(capsys: Capture) -> None:
+    assert main(["reproduce", "ambe2021", "--claims", " , "]) == 2
+    assert "--claims: names no claim" in capsys.readouterr().err
+
+
 def test_formats_of_sizes_and_durations() -> None:
     assert [duration(seconds) for seconds in (0.5, 90, 119, 120, 3600, 7200, 200_000)] == [
         "0.5 s",
@@ -643,6 +648,7 @@ def test_formats_of_sizes_and_durations() -> None:
         "2.3 days",
     ]
     assert [size(number) for number in (12, 35e6, 4.2e12)] == ["12 bytes", "35 MB", "4.2 TB"]
+    assert size(999.7e3) == "1 MB"
 
 
 @pytest.mark.slow

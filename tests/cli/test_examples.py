@@ -6,6 +6,7 @@ import ast
 import fcntl
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -111,6 +112,19 @@ def test_windows_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch, capsy
     assert "Windows is not supported; use WSL 2" in capsys.readouterr().err
     with pytest.raises(UnsupportedSystem, match="WSL 2"):
         _ = gs.sweep
+
+
+def test_windows_is_refused_without_modules_that_it_lacks() -> None:
+    code = (
+        "import sys, multiprocessing, typer\n"  # which import modules of Windows there
+        "sys.modules |= dict.fromkeys(('resource', 'fcntl'))\n"
+        "sys.platform = 'win32'\n"
+        "from gaitsweep.cli import main\n"
+        "sys.exit(main(['models']))\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("Windows is not supported; use WSL 2")
 
 
 def test_rows_shared_by_processes_need_locks_of_open_files(monkeypatch: pytest.MonkeyPatch) -> None:

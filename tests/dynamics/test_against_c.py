@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 import gaitsweep as gs
-from gaitsweep.cli.main import app
+from gaitsweep.cli.commands import app
 from gaitsweep.dynamics.mjx import against_c
 from gaitsweep.dynamics.mjx.against_c import at_first_use, compare
 from gaitsweep.dynamics.mjx.mjx_body import MjxBody, mjx

@@ -427,6 +427,8 @@ def test_a_job_has_a_style_that_its_figures_may_replace(
     assert "width is" in capsys.readouterr().err
     assert main(["plot", str(result.path), "--colour", "direkt=crimson"]) != 0
     assert "did you mean direct?" in capsys.readouterr().err
+    assert main(["plot", str(result.path), "--colour", "crimson"]) == 2
+    assert "--colour: is crimson, but must be GAIT=COLOUR" in capsys.readouterr().err
     reset = [
         "--set",
         "shares=false",

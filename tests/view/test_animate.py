@@ -25,6 +25,7 @@ import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.dynamics.ground import heights_of_model
 from gaitsweep.job import Job
+from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Limb, Skeleton
@@ -32,7 +33,7 @@ from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
 from gaitsweep.view.explorer.replays import SAMPLES_PER_CYCLE, Crossings, ReplayedRow, Windows
-from gaitsweep.view.movie import animation, mujoco_movie, mujoco_painter, side_view
+from gaitsweep.view.movie import animation, movie_file, mujoco_movie, mujoco_painter, side_view
 from gaitsweep.view.movie.side_view import SWING
 from gaitsweep.view.row_motion import RowMotion, read_motion
 from tests.support.trace_directories import (
@@ -141,7 +142,8 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--lift", "2", "--renderer", "mujoco"], "1 with --renderer mujoco"),
         (["--speed", "1e-6"], "2 to 3000"),
         (["--speed", "100"], "1 frame,"),
-        (["--fps", "60"], "at most 50"),
+        (["--fps", "60"], "0.01 to 50"),
+        (["--fps", "0.001"], "0.01 to 50"),
         (["--out", "walk.avi"], ".gif or .mp4"),
         (["--out", "walk.mp4"], "pip install 'gaitsweep[video]'"),
         (["--still", "0", "--out", "walk.gif"], "must end with .png"),
@@ -486,6 +488,34 @@ def test_an_mp4_is_written_by_ffmpeg(chain: Path, tmp_path: Path, monkeypatch: p
     with pytest.raises(movie.PlotError, match=r"could not write the movie: no such codec\.$"):
         movie.write_movie(chain, out, seconds=8.0, fps=5.0, size=(320, 180))
     assert int(out.read_text()) == 5 * 320 * 180 * 3
+
+
+def test_a_skeleton_that_is_not_finite_is_refused(chain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    of_chain = Multilegged.skeleton
+
+    def lost(self: Any, *arguments: Any) -> Skeleton:
+        return side_view.with_points(of_chain(self, *arguments), lambda points: points * np.nan)
+
+    monkeypatch.setattr(Multilegged, "skeleton", lost)
+    with pytest.raises(movie.PlotError, match=r"skeleton that cannot be drawn: .* not finite"):
+        movie.write_movie(chain)
+
+
+@pytest.mark.parametrize("fps", [25.0, 30.0, 40.0, 48.0])
+def test_a_gif_lasts_as_long_as_its_frames(fps: float, tmp_path: Path) -> None:
+    """A GIF has whole hundredths of a second for each frame, which have to add up to the right length."""
+    pictures = np.full((24, 16, 64, 3), 255, np.uint8)
+    for number, picture in enumerate(pictures):
+        picture[:, number : number + 8] = 0
+    movie_file.save(tmp_path / "moving.gif", iter(pictures), len(pictures), fps)
+    with Image.open(tmp_path / "moving.gif") as gif:
+        assert gif.n_frames == 24  # type: ignore[attr-defined]
+        durations = []
+        for number in range(24):
+            gif.seek(number)
+            durations.append(gif.info["duration"])
+    assert abs(sum(durations) - 24e3 / fps) <= 5.0
+    assert max(durations) - min(durations) <= 10
 
 
 @pytest.mark.slow

@@ -38,7 +38,7 @@ from gaitsweep.view.explorer.page_format import (
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, spread, subgrid, with_next
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import heading, projected, turned
+from gaitsweep.view.movie.side_view import heading, projected, turned, with_points
 from hostile_texts import ATTACK, HostileTexts
 from tests.support.browser import Page, browser, program
 from tests.support.job_tables import table_of
@@ -95,6 +95,12 @@ def test_stretches_are_stored_to_a_thousandth_of_the_height() -> None:
 def test_whole_numbers_come_back() -> None:
     numbers = np.array([0, 1, -1, 255, 256, -32768, 32767])
     np.testing.assert_array_equal(numbers_of(packed(numbers)), numbers)
+
+
+def test_a_body_that_is_never_finite_has_no_pictures() -> None:
+    skeleton = with_points(quadruped_skeleton(), lambda points: points * np.nan)
+    pictures = pictures_of(skeleton, 0.01 * np.arange(81), CYCLE)
+    assert (len(pictures.points), pictures.half, pictures.height) == (0, 0.0, 0.0)
 
 
 def test_corners_of_a_body_keep_their_order_in_all_pictures() -> None:
@@ -653,7 +659,11 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
 
     assert "is not a column of this table" in said("--x", "x_00")
     assert "Both axes would be x_0" in said("--x", "x_0", "--y", "x_0")
-    assert "--max-size is 0.5 MB" in said("--max-size", "0.5")
+    assert "max_size is 0.5 MB" in said("--max-size", "0.5")
+    for size in ("nan", "inf", "0"):
+        assert f"max_size is {size} MB, but must be a finite number above 0" in said("--max-size", size)
+    for option in ("--replays", "--walks"):
+        assert "replays is -1, but must be 0 or more" in said(option, "-1")
     job = gs.Job(
         name="trace", model="double_well:DoubleWell", verify=0,
         run={"kind": "trace", "duration": 1.0, "every": 0.1},

@@ -2,6 +2,7 @@
 
 `attractors` groups settled states in the distances of `state_space`: by clusters, or by sampled sets where
 they have no period. `attractor_matching` follows attractors along a parameter. `grid` and `fractions` count
-starts. `measures`, `basin_boundaries` and `quantifiers` measure basins, `edge_states` searches saddles in
-their boundaries.
+starts. `basin_boundaries` has the entropy, the uncertainty exponent and the Wada property of boundaries,
+`measures` all measures of a table, `quantifiers` those of attractors along a parameter, and `edge_states`
+searches saddles in boundaries.
 """

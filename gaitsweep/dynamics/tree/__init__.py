@@ -1,4 +1,8 @@
-"""Articulated trees: kinematics, dynamics and energy of bodies joined by hinges and slides."""
+"""Articulated trees: kinematics and dynamics of bodies joined by hinges and slides.
+
+`articulated_tree` has the structure, which `from_mjcf` reads; `kinematics` has places and velocities of
+links, `dynamics` their accelerations, `spatial` the vectors and inertias of both.
+"""
 
 from __future__ import annotations
 

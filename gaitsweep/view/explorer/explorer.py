@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import itertools
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
@@ -93,7 +94,7 @@ def write_explorer(
     most = MOST_REPLAYS if replays is None else replays
     limit = MAX_SIZE if max_size is None else max_size
     if most < 0:
-        raise ArgumentError(f"replays (--walks) is {most}, but must be at least 0.")
+        raise ArgumentError(f"replays is {most}, but must be 0 or more.")
     if not len(table):
         raise ArgumentError("No row has ended yet, so there is nothing to explore.")
     script = compressed(plotly_source().encode())
@@ -107,7 +108,7 @@ def write_explorer(
     fields = _table_fields(shown, varied, table.attrs)
     room -= len(compressed(json_bytes(fields)))
     if room < 0:
-        raise ExplorerSizeError(f"The table alone is larger than --max-size, {limit:g} MB.")
+        raise ExplorerSizeError(f"The table alone is larger than max_size, {limit:g} MB.")
     spent = table.attrs.get("manifest", {}).get("timings", {}).get("run_s", 0.0)
     animated = AnimatedRecords(shown, context, most, float(spent), on_progress)
     fields |= animated.fields(room)
@@ -128,15 +129,15 @@ def _room(script: str, max_size: float) -> int:
     Raises:
         ArgumentError: the size is too small.
     """
-    if max_size <= 0.0:
-        raise ArgumentError(f"max_size is {max_size:g} MB, but must be above 0.")
+    if not 0.0 < max_size < math.inf:
+        raise ArgumentError(f"max_size is {max_size:g} MB, but must be a finite number above 0.")
     without_data = dict.fromkeys(("title", "contents", "data", "size"), "") | {"plotly": script}
     frame = len(_filled(without_data)) + _TEXTS_SIZE
     room = int(max_size * _MB) - frame
     if room < _LEAST_ROOM:
         least = (frame + _LEAST_ROOM) / _MB
         raise ExplorerSizeError(
-            f"The page needs {least:.1f} MB even without walks, but --max-size is {max_size:g} MB."
+            f"The page needs {least:.1f} MB even without replays, but max_size is {max_size:g} MB."
         )
     return room
 

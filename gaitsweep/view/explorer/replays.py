@@ -22,7 +22,15 @@ from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.skeleton import Skeleton
 from gaitsweep.view.movie.animation import Clip
-from gaitsweep.view.movie.side_view import bounds, heading, nearest_first, projected, turned, with_points
+from gaitsweep.view.movie.side_view import (
+    bounds,
+    heading,
+    nearest_first,
+    points_of,
+    projected,
+    turned,
+    with_points,
+)
 
 SAMPLES_PER_CYCLE = 64  # of contacts, in a nominal cycle
 PICTURES_EVERY = 2  # samples
@@ -263,7 +271,7 @@ class Replayer:
     def _pictures(self, place: int, signals: dict[str, Samples], t: Samples) -> Pictures | None:
         """The pictures of a row's signals (n,) at times `t` (n,) s; None without a skeleton."""
         skeleton = self._spec.model.skeleton(self._parameters[place], signals)
-        if skeleton is None:
+        if skeleton is None or not points_of(skeleton).size:
             return None
         if is_uneven(self._spec.model):
             skeleton = dataclasses.replace(skeleton, note=_EVEN)

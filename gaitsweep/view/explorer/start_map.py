@@ -131,7 +131,7 @@ def _cells(
         ),
         at=at[shown_cells] // step,
         closed=tuple(name in grids and grids[name].closed for name in (shown.x, shown.y)),
-        thinned=f"every {_ordinal(step)} cell along both axes" if step > 1 else "",
+        thinned=f"one cell in {step} along both axes" if step > 1 else "",
     )
 
 
@@ -144,7 +144,7 @@ def _points(shown: StartMap, job: Job, drawn: list[int], most: int) -> StartMap:
         table=table,
         outcome=shown.outcome[::step],
         slices=[] if job.run.one_a_row else _slices(table, job, drawn, few=_MAX_SLICES),
-        thinned=f"every {_ordinal(step)} record" if step > 1 else "",
+        thinned=f"one record in {step}" if step > 1 else "",
     )
 
 
@@ -286,11 +286,6 @@ def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None
             texts.append(", ".join(written(table, name, float(v[0])) for name, v in values.items()))
         slices.append(Slice(next(iter(group.axes)), texts, design.index(row, place)))
     return slices
-
-
-def _ordinal(number: int) -> str:
-    """The ordinal of a number above 1: "second", "third", "4th"."""
-    return {2: "second", 3: "third"}.get(number, f"{number}th")
 
 
 def boundary(shown: StartMap) -> Bool[np.ndarray, " records"]:

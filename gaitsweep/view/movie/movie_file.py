@@ -27,26 +27,30 @@ def require(path: Path, fps: float) -> None:
     """Refuse a movie that cannot be written, before drawing it.
 
     Raises:
-        PlotError: the format is neither .gif nor .mp4, the frame rate is too high for GIF, or MP4 lacks
-            ffmpeg.
+        PlotError: the format is neither .gif nor .mp4, the frame rate is none of a GIF, or MP4 lacks ffmpeg.
     """
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise PlotError(f"{path} is not a valid name for a movie: it must end with {' or '.join(FORMATS)}.")
-    if kind == ".gif" and fps > 50:
-        raise PlotError(f"--fps is {fps:g}, but a GIF can have at most 50 frames per second.")
+    if kind == ".gif" and not 0.01 <= fps <= 50.0:
+        raise PlotError(f"--fps is {fps:g}, but a GIF can have 0.01 to 50 frames per second.")
     if kind == ".mp4":
         _ffmpeg()
 
 
 def save(
-    path: Path, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str] = ()
+    path: Path,
+    frames: Iterator[UInt8[np.ndarray, "height width 3"]],
+    count: int,
+    fps: float,
+    colours: Sequence[str] = (),
 ) -> None:
     """Write a movie; the file is replaced when all frames are written.
 
     Args:
         path: the file, .gif or .mp4.
         frames: RGB bytes.
+        count: number of frames.
         fps: frames per second.
         colours: colours that a GIF has exactly, among its 64.
 
@@ -56,15 +60,21 @@ def save(
     """
     require(path, fps)
     if path.suffix.lower() == ".gif":
-        replace_file(path, lambda file: _gif(file, frames, fps, colours))
+        # a GIF has durations in hundredths of a second: they differ by one, so that none adds up to an error
+        ends = np.round(100.0 / fps * np.arange(count + 1))
+        durations = (10.0 * np.diff(ends)).tolist()
+        replace_file(path, lambda file: _gif(file, frames, durations, colours))
     else:
         replace_file(path, lambda file: _mp4(file.name, frames, fps))
 
 
 def _gif(
-    file: BinaryIO, frames: Iterator[UInt8[np.ndarray, "height width 3"]], fps: float, colours: Sequence[str]
+    file: BinaryIO,
+    frames: Iterator[UInt8[np.ndarray, "height width 3"]],
+    durations: list[float],
+    colours: Sequence[str],
 ) -> None:
-    """Write all frames with one palette, so that unchanged pixels are equal.
+    """Write all frames, of some durations (ms), with one palette, so that unchanged pixels are equal.
 
     Pillow then stores the rectangle that has changed, and with `optimize` the colours that occur in it.
     """
@@ -76,7 +86,7 @@ def _gif(
 
     options = {
         "append_images": map(in_palette, frames),
-        "duration": 1000.0 / fps,
+        "duration": durations,
         "loop": 0,
         "optimize": True,
     }

@@ -87,15 +87,20 @@ def nearest_first(points: Float[np.ndarray, "frames points 3"]) -> Float[np.ndar
     return points[:, np.argsort(points[..., 1].mean(axis=0), kind="stable")]
 
 
+def points_of(skeleton: Skeleton) -> Float[np.ndarray, "frames points 3"]:
+    """All points of a body: those of its limbs, bodies and springs."""
+    parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
+    return np.concatenate(parts, axis=1) if parts else np.zeros((0, 0, 3))
+
+
 def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[float, float, float]:
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
     middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
-    parts = [*(limb.points for limb in skeleton.limbs), *skeleton.bodies, *skeleton.springs]
-    across, up = projected(np.concatenate([part - middle for part in parts], axis=1).reshape(-1, 3)).T
-    height = float(up.max())
-    of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max() for limb in skeleton.limbs]
+    across, up = projected((points_of(skeleton) - middle).reshape(-1, 3)).T
+    height = float(up.max(initial=0.0))
+    of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max(initial=0.0) for limb in skeleton.limbs]
     depth = max(1.5 * float(max(of_feet, default=0.0)), 0.3 * height)
-    return float(np.abs(across).max()), height, depth
+    return float(np.abs(across).max(initial=0.0)), height, depth
 
 
 class Ground:

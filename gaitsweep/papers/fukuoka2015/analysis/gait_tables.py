@@ -77,9 +77,12 @@ def gaits_in(
         delta_2_touchdown.
 
     Raises:
-        AnalysisError: the table is of another kind, or does not have a column; or window or steadiness are
-            given for a settle table.
+        AnalysisError: the table is of another kind, or does not have a column; a threshold is outside its
+            range; or window or steadiness are given for a settle table.
     """
+    for threshold in thresholds:
+        if not 0.0 <= threshold <= 0.5:
+            raise AnalysisError(f"A threshold is {threshold:g} cycles, but must be from 0 to 0.5.")
     if signals is None and _MEAN.format(1) in table.columns:
         begin, end = window
         if np.any(np.isfinite(begin)) or np.any(np.isfinite(end)) or steadiness is not None:
