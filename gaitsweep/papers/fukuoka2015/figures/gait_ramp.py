@@ -97,12 +97,12 @@ def gait_ramp(
         column(table, panels)
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     along = gaits_along(table, cycles=cycles)
-    if not len(along):
-        raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
     if x == "speed" and "speed" not in along.columns:
         raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
     horizontal = "speed" if x == "speed" else parameter
     along = along.loc[np.isfinite(along[horizontal])]
+    if not len(along):
+        raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
@@ -258,7 +258,9 @@ def speed_gaits(
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         for axes in grid[-across:]:
             axes.set_xlabel(described(table, speed, 60 // across))
-        names = [label_of(band) if by_gait else f"{band:.4g}".replace("-", "−") for band in bands]
+        names = [
+            label_of(band) if isinstance(band, str) else f"{band:.4g}".replace("-", "−") for band in bands
+        ]
         grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
         if not by_gait:

@@ -83,8 +83,10 @@ def loading_rule(
         table: a trace or a settle table of `planar_quadruped`.
 
     Raises:
-        PlotError: a column or a measure is missing.
+        PlotError: a column or a measure is missing, or one of only and value is given without the other.
     """
+    if (only is None) != (value is None):
+        raise PlotError("only and value select rows together: give both or none.")
     if only is not None:
         column(table, only)
         table = rows_where(table, table[only] == value)
