@@ -113,7 +113,7 @@ def gait_ramp(
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
-            _panel(axes, along, list(names.items()), parameter, areas, measured_speed=x == "speed")
+            _panel(axes, along, list(names.items()), parameter, horizontal, areas)
         grid[-1].set_xlabel("measured speed (m/s)" if x == "speed" else described(table, parameter))
         theme.legend(figure, _key(areas), ncols=6)
     return figure
@@ -153,20 +153,18 @@ def _panel(
     along: pd.DataFrame,
     rows: Sequence[tuple[Any, str]],
     parameter: str,
+    horizontal: str,
     areas: Areas,
-    *,
-    measured_speed: bool,
 ) -> None:
-    """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
+    """The bars of named rows over the column `horizontal`, and the direction of each pass."""
     style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
         for down in (0, 1):
             part = along.loc[(along["row"] == row) & (along["pass"] == down)]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
-            horizontal = "speed" if measured_speed else parameter
             at = part[horizontal].to_numpy(float)
-            if measured_speed and len(at):
+            if horizontal == "speed" and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):

@@ -29,7 +29,6 @@ from gaitsweep.plot import (
     CountOrZero,
     Flag,
     PlannedTable,
-    PlotError,
     Positive,
     Refusal,
     Text,
@@ -67,9 +66,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame) -> None:
     Raises:
         PlotError: a contact is not in the table.
     """
-    missing = [contact for contact in CONTACTS.values() if contact not in samples.columns]
-    if missing:
-        raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
+    require_columns(samples, *CONTACTS.values())
     t = samples["t"].to_numpy(float)
     down = samples[list(CONTACTS.values())].to_numpy(float)
     for row, leg in enumerate(LEGS):
