@@ -101,7 +101,7 @@ def drift_law(
                 faces = {"facecolors": colour[name] if field == "max" else "none", "edgecolors": colour[name]}
                 style: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8, **faces}
                 axes.scatter(points["asymmetry"], points[field], **style)
-        law = pairs.groupby("asymmetry")["law"].max()
+        law = pd.Series(pairs.groupby("asymmetry")["law"].max())
         axes.plot(law.index, law, color="black", lw=0.9)
         axes.set(xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
