@@ -104,6 +104,9 @@ def test_transitions_up_and_down_with_their_hysteresis() -> None:
     assert result.loc["trot", "down"] == pytest.approx(0.90, abs=0.03)
     assert result.loc["walk", "down"] == pytest.approx(0.60, abs=0.03)
     assert result.loc["walk", "width"] == pytest.approx(0.20, abs=0.04)
+    pd.testing.assert_frame_equal(
+        speed_transitions(table, "row").drop(columns="row"), speed_transitions(table)
+    )
 
 
 def test_a_row_that_keeps_its_gait_has_no_transition() -> None:

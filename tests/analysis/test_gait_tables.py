@@ -142,7 +142,9 @@ def test_trots_in_crossings_remain_trots_without_some_onsets() -> None:
 
 
 def test_a_row_of_less_than_three_cycles_has_no_gaits_along() -> None:
-    assert gaits_along(trace_of("trot", duration=0.9)).empty
+    along = gaits_along(trace_of("trot", duration=0.9))
+    assert along.empty
+    assert set(along.columns) >= {"gait", "gait_at_0.05", "family"}
 
 
 def test_a_table_without_onsets_has_no_gaits() -> None:

@@ -130,6 +130,10 @@ def test_loads_of_a_trot_predict_the_walk() -> None:
     assert 9.0 not in set(load_prediction(pd.concat([trots, walks], ignore_index=True))["sigma"])
     with pytest.raises(AnalysisError, match="k2 = 0"):
         load_prediction(walks)
+    # k2 alone varies: all rows are at one place
+    one, other = (part.query("sigma == 0").drop(columns="sigma") for part in (trots, walks))
+    result = load_prediction(pd.concat([one, other], ignore_index=True))
+    assert result[["k2", "gait", "delta", "load_stance"]].to_numpy().tolist() == [[0.08, "L-walk", 0.2, -4.0]]
 
 
 def test_how_often_the_body_pitches_in_a_cycle() -> None:

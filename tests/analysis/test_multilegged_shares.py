@@ -141,6 +141,11 @@ def test_a_map_of_scattered_sets_shows_points_or_bins(number: int) -> None:
     }
 
 
+def test_a_map_over_a_start_is_refused() -> None:
+    with pytest.raises(plot.PlotError, match=r"y is psi_1, which is not a swept parameter.*m_B"):
+        plot.draw("gait_shares", table(), x="m_B", y="psi_1")
+
+
 def test_a_table_of_another_model_is_refused() -> None:
     table = pd.DataFrame({"row": [0], "k": 1.0, "status": "settled", "gait": "walk", "x_end": 0.0})
     with pytest.raises(AnalysisError, match="not of the multi-legged chain"):

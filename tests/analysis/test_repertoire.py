@@ -56,6 +56,12 @@ def test_the_order_over_speed() -> None:
     assert not np.any(repertoire(swapped, ["com_x"])["in_order"])
 
 
+def test_rows_without_a_value_are_a_set() -> None:
+    """Joined tables have no value of a parameter that one of them does not vary."""
+    rows = table().replace({"com_x": {0.0: np.nan}})
+    assert repertoire(rows, ["com_x"])["rows"].tolist() == [5, 3]
+
+
 def test_a_missing_column_is_named() -> None:
     with pytest.raises(AnalysisError, match="torso"):
         repertoire(table(), ["torso"])

@@ -18,7 +18,7 @@ from gaitsweep.papers.ambe2021 import (
     theory_measures,
     wave_measures,
 )
-from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
+from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_place, waves
 from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
 from gaitsweep.papers.ambe2021.theory.chain import Chain, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.solution_sets import Branch, places, rule_of
@@ -151,6 +151,22 @@ def test_places_of_sources_and_of_meeting_waves() -> None:
     assert shown[2].tolist() == pytest.approx([2 / 3, 1 / 3])
     with pytest.raises(plot.PlotError, match="x is empty"):
         plot.draw("source_place", table, x=[])
+    for x, several, message in (
+        (["psi_1"], table, r"x is psi_1, which is not a swept parameter.*m_slope"),
+        (["m_slope"], _with_axis(table, m_B=[0.8, 0.9] * 3), "leaves out m_B"),
+    ):
+        with pytest.raises(plot.PlotError, match=message):
+            plot.draw("source_place", several, x=x)
+    with pytest.raises(UserError, match="no rows"):
+        source_place(table.head(0))
+
+
+def _with_axis(table: pd.DataFrame, **axis: list[float]) -> pd.DataFrame:
+    """The table with one more swept axis."""
+    ((name, values),) = axis.items()
+    more = table.copy()
+    more.insert(1, name, values)
+    return more
 
 
 def test_drift_and_period_of_a_return_map() -> None:
@@ -211,6 +227,13 @@ def test_measures_of_legs_take_the_parameters_of_the_table() -> None:
     plain = trace(Branch("direct", 3), 0.3, 0, springs=3)
     twice = np.array(wave_measures.leads(legs, row=0)) / np.array(wave_measures.leads(plain, row=0))
     np.testing.assert_allclose(twice, 2.0, rtol=1e-12)
+    # the other rows of the table may have other frequencies
+    several = pd.concat([plain.assign(omega=OMEGA), plain.assign(row=1, omega=3.0 * OMEGA)])
+    leads = [wave_measures.leads(several, row=row) for row in (0, 1)]
+    np.testing.assert_allclose(leads[0], wave_measures.leads(plain, row=0), rtol=1e-12)
+    np.testing.assert_allclose(leads[1], 3.0 * np.array(leads[0]), rtol=1e-12)
+    gains = equation_measures.phase_gain(several), equation_measures.phase_gain(plain)
+    assert gains[0] == pytest.approx(gains[1], rel=1e-12)
 
 
 def test_measures_of_the_theory_take_the_parameters_of_the_table(table: pd.DataFrame) -> None:
@@ -287,6 +310,15 @@ def test_legs_and_links_that_a_chain_lacks_are_refused(table: pd.DataFrame) -> N
 def test_a_trace_without_what_a_measure_needs_is_refused(table: pd.DataFrame) -> None:
     with pytest.raises(MeasureError, match="empty"):
         wave_measures.touchdown_phases_apart(table.head(0))
+    without_rows = table.head(0).assign(**{f"{name}_{i}": [] for name in "xl" for i in range(1, N + 2)})
+    for of_legs in (
+        equation_measures.leg_length_error,
+        equation_measures.contact_as_printed,
+        equation_measures.height_error,
+        equation_measures.air_in_swing,
+    ):
+        with pytest.raises(MeasureError, match="empty"):
+            of_legs(without_rows)
     row = table.loc[table["row"] == 0].assign(contact_1=1.0)
     still = row.assign(**{f"contact_{i}": 1.0 for i in range(1, N + 2)})
     with pytest.raises(MeasureError, match="No leg of row 0 touches down"):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError, default_values
 from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
@@ -191,3 +192,14 @@ def test_measures_of_ramps_without_records_are_refused() -> None:
     ):
         with pytest.raises(MeasureError):
             measured()
+    for lacking, name in ((table, "sigma"), (table.drop(columns="pass"), "pass")):
+        with pytest.raises(AnalysisError, match=f"{name} is not a column"):
+            ramp_measures.rise_with(lacking, parameter="sigma", columns=["speed_n"])
+
+
+def test_rows_without_swept_parameters_are_one_set() -> None:
+    table = pd.DataFrame(
+        {"row": range(3), "seed": range(3), "status": "settled", "gait": ["trot"] * 2 + ["L-walk"]}
+    )
+    assert gait_measures.parameter_sets_with(table, gaits=["trot", "L-walk"]) == 1.0
+    assert gait_measures.parameter_sets_with(table, gaits=["D-walk"]) == 0.0

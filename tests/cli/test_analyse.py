@@ -17,6 +17,7 @@ import gaitsweep.table
 from gaitsweep import extension
 from gaitsweep.analysis.transitions.jumps import jump_intervals
 from gaitsweep.cli import analyse, main
+from gaitsweep.papers.ambe2021.analyses import _chain_of_settings
 from tests.support.basin_tables import grid_table
 from tests.support.gait_traces import ends, traces
 from tests.support.hysteresis_tables import settle_table, staircase_table
@@ -193,6 +194,7 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
         ("m1=0.85", "did you mean m_1"),
         ("beta=1.5", "beta is 1.5, but must be between 0 and 1"),
         ("kappa=-1", "kappa is -1, but must be above 0"),
+        ("kappa", "must be NAME=VALUE"),
     ],
 )
 def test_wrong_parameters_of_the_theory_are_refused(
@@ -200,6 +202,11 @@ def test_wrong_parameters_of_the_theory_are_refused(
 ) -> None:
     assert main(["analyse", "multilegged-theory", "--set", setting]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_mass_of_both_ends_is_a_parameter_of_the_theory() -> None:
+    chain = _chain_of_settings(["m_B=0.8", "m_1=0.7"])
+    assert (chain.m_1, chain.m_end) == (0.7, 0.8)
 
 
 def test_pairs_are_of_all_rows(capsys: pytest.CaptureFixture[str]) -> None:

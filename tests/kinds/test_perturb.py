@@ -389,6 +389,8 @@ def test_the_least_fatal_push_is_found_around_the_cycle_and_marked() -> None:
         if line.get_marker() == "*"
     ]
     np.testing.assert_allclose(stars, least[["push_x", "push_y"]])
+    (panel,) = gs.plot.recovery(table.head(0), x="push_x", y="push_y").axes
+    assert [text.get_text() for text in panel.texts] == ["no rows yet"]
     table.attrs["quantities"]["push_y"] = {**unit, "unit": "m/s"}
     with pytest.raises(gs.analyses.AnalysisError, match="one unit"):
         gs.analyses.least_fatal_push(table, ["push_x", "push_y"], "push_phase")

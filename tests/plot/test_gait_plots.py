@@ -67,6 +67,14 @@ def test_gaits_over_speed() -> None:
         plot.draw("speed_gaits", table, y="sigm")
 
 
+def test_bands_of_texts() -> None:
+    table = _ends().assign(kind="b")
+    table.loc[0, "kind"] = "a"
+    figure = plot.draw("speed_gaits", table, y="kind")
+    rendered(figure)
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == ["a", "b"]
+
+
 def test_points_of_one_speed_do_not_hide_each_other() -> None:
     table = ends(np.full(6, 0.2), np.zeros(6), np.zeros(6))
     axes = plot.draw("speed_gaits", table).axes[0]
@@ -88,6 +96,8 @@ def test_the_rule() -> None:
     assert len(one.axes) == 1
     with pytest.raises(PlotError, match="load_together is not a measure"):
         plot.draw("loading_rule", _ends(), measures=["load_together"])
+    with pytest.raises(PlotError, match="only and value"):
+        plot.draw("loading_rule", _ends(), only="k2")
     trots = ends(0.0 * DELTA, DELTA, DELTA)
     assert "no pair shifted" in plot.draw("loading_rule", trots).axes[0].get_title()
 

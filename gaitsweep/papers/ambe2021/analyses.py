@@ -108,7 +108,8 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
     """The chain of Table 1 with the parameters that the options `--set NAME=VALUE` give.
 
     Raises:
-        ArgumentError: a name is not a parameter of the chain, or a value is out of its bounds.
+        ArgumentError: a text is not NAME=VALUE, a name is not a parameter of the chain, or a value is out of
+            its bounds.
         ExpressionError: a value cannot be evaluated.
     """
     from gaitsweep import ArgumentError, near_miss
@@ -117,17 +118,20 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
     from gaitsweep.papers.ambe2021.theory.chain import Chain
 
     bounds = {quantity.name: (quantity.low, quantity.high) for quantity in PARAMETERS}
-    values = {}
+    names = ("m_B", *Chain._fields)
+    values: dict[str, float] = {}
     for setting in settings:
-        name, _, value = setting.partition("=")
-        if name not in Chain._fields:
-            near = near_miss.suggestion(name, Chain._fields)
-            raise ArgumentError(f"{name} is not a parameter of the chain{near}")
-        values[name] = float(evaluate(value, {}))
+        name, equals, value = setting.partition("=")
+        if not equals:
+            raise ArgumentError(f"--set is {setting}, but must be NAME=VALUE, such as kappa=80.")
+        if name not in names:
+            raise ArgumentError(f"{name} is not a parameter of the chain{near_miss.suggestion(name, names)}")
+        number = float(evaluate(value, {}))
         low, high = bounds[name]
-        if not low < values[name] < high:
+        if not low < number < high:
             allowed = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-            raise ArgumentError(f"{name} is {values[name]:g}, but must be {allowed}.")
+            raise ArgumentError(f"{name} is {number:g}, but must be {allowed}.")
+        values |= dict.fromkeys(("m_1", "m_end") if name == "m_B" else (name,), number)
     return Chain(**values)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row
+from gaitsweep.claims import MeasureError, defaults, measure, numbers, one_row, records
 from gaitsweep.expression import evaluate
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, constants_of, of_legs, springs_of
 from gaitsweep.papers.ambe2021.multilegged.forces import obstacle_problem
@@ -110,6 +110,7 @@ def _printed_acceleration(
 @measure
 def leg_length_error(table: pd.DataFrame) -> float:
     """Largest difference of the traced leg lengths from eq. (3) of the traced phases (m)."""
+    table = records(table, None)
     length, _ = _printed_leg(of_legs(table, "phase"), constants_of(table, ["beta", "a", "L"]))
     return float(np.abs(length - of_legs(table, "l")).max())
 
@@ -117,6 +118,7 @@ def leg_length_error(table: pd.DataFrame) -> float:
 @measure
 def contact_as_printed(table: pd.DataFrame) -> float:
     """Share of the traced contacts that are those of eq. (2) (1)."""
+    table = records(table, None)
     return float(np.mean((of_legs(table, "contact") > 0.5) == (of_legs(table, "l") >= of_legs(table, "x"))))
 
 
@@ -125,14 +127,12 @@ def air_in_swing(table: pd.DataFrame) -> float:
     """Share of takeoff and landing in which a leg is in the air, the smallest of all legs and rows (1)."""
     shares = []
     takeoff = 2 * constants_of(table, ["beta"])["beta"] * np.pi
-    for row, part in table.groupby("row"):
+    for row, part in records(table, None).groupby("row"):
         swings = of_legs(part, "phase") > takeoff
         if not swings.any(axis=0).all():
             raise MeasureError(f"A leg of row {row} does not swing in the recorded time.")
         in_air = swings & (of_legs(part, "contact") < 0.5)
         shares.append((in_air.sum(axis=0) / swings.sum(axis=0)).min())
-    if not shares:
-        raise MeasureError("The table has no rows.")
     return float(min(shares))
 
 
@@ -140,7 +140,7 @@ def air_in_swing(table: pd.DataFrame) -> float:
 def phase_gain(table: pd.DataFrame) -> float:
     """Gain of leg 1's phase on omega t from just before a touchdown to ten tau after it (rad)."""
     part = one_row(table, 0)
-    values = constants_of(table, ["omega", "tau"])
+    values = constants_of(part, ["omega", "tau"])
     t = numbers(part, "t")
     contact = numbers(part, "contact_1") > 0.5
     phase = np.unwrap(numbers(part, "phase_1"))
@@ -186,7 +186,7 @@ def height_error(table: pd.DataFrame) -> float:
     """Median distance of traced heights from those of force balance, eq. (8), at the same legs (m)."""
     N = springs_of(table)
     distances = []
-    for _, part in table.groupby("row"):
+    for _, part in records(table, None).groupby("row"):
         heights, _ = _equilibrium(N, chain_of(table, part))(of_legs(part, "l"))
         distances.append(np.abs(np.asarray(heights) - of_legs(part, "x")))
     return float(np.median(np.concatenate(distances)))

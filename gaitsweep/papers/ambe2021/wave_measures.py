@@ -44,7 +44,8 @@ def leads(table: pd.DataFrame, *, row: int, links: Sequence[int] | None = None) 
     Raises:
         ArgumentError: the chain does not have a link.
     """
-    phases = passages(one_row(table, row)).leads * constants_of(table, ["omega"])["omega"]
+    part = one_row(table, row)
+    phases = passages(part).leads * constants_of(part, ["omega"])["omega"]
     if links is not None:
         phases = phases[_places("links", links, len(phases))]
     return phases.tolist()

@@ -172,8 +172,9 @@ def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str]) -> float:
         gaits: names of the gaits.
     """
     require(table, "gait")
-    shown = table.assign(gait=table["gait"].astype(str)).groupby(cases_of(table))["gait"].agg(set)
-    return float(sum(set(gaits) <= gaits_of_set for gaits_of_set in shown))
+    cases = cases_of(table)
+    sets = [part for _, part in table.groupby(cases)] if cases else [table]
+    return float(sum(set(gaits) <= set(part["gait"].astype(str)) for part in sets))
 
 
 @measure

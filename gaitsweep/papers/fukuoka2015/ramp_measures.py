@@ -12,6 +12,7 @@ import pandas as pd
 from gaitsweep.analyses import require
 from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import (
+    MIN_WINDOWS,
     after_dwell,
     gait_bouts,
     gaits_along,
@@ -187,8 +188,13 @@ def rise_with(table: pd.DataFrame, *, parameter: str, columns: Sequence[str]) ->
         table: a ramp's table.
         parameter: the parameter that moves.
         columns: the columns whose absolute values are averaged.
+
+    Raises:
+        AnalysisError: the table lacks a column, or the parameter never rises.
     """
+    require(table, "pass")
     rising = records(masked(table, table["pass"] == 0), None)
+    require(rising, parameter, *columns)
     sizes = pd.DataFrame(rising[list(columns)]).abs().mean(axis=1)
     means = rising.assign(size=sizes).groupby(parameter, as_index=False).agg(size=("size", "mean"))
     along, size = (pd.Series(numbers(means, name)) for name in (parameter, "size"))
@@ -207,7 +213,7 @@ def _bouts(table: pd.DataFrame, by: str, *, falling: bool) -> pd.DataFrame:
     names = along[by].astype(str)
     steady = ~names.isin(["unsteady", "none"])
     along = along.loc[steady & (along["pass"] == int(falling))]
-    return gait_bouts(along, by, least=3)
+    return gait_bouts(along, by, MIN_WINDOWS)
 
 
 def _sequences(table: pd.DataFrame, by: Names, *, falling: bool) -> dict[object, list[str]]:

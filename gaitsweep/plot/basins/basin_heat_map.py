@@ -347,7 +347,8 @@ def recovery(
     # the statuses of the rows are in the names already
     shown.attrs = {**table.attrs, "outcome_of": "recovery"}
     figure = basin(shown, x=x, y=y, hue="recovery", panels=panels, shares=shares, title=title)
-    if x.startswith(PREFIX) and y.startswith(PREFIX) and unit_of(table, x) == unit_of(table, y) != "":
+    are_pushes = x.startswith(PREFIX) and y.startswith(PREFIX)
+    if len(table) and are_pushes and unit_of(table, x) == unit_of(table, y) != "":
         _mark_least(figure, table, x, y, panels)
     return figure
 

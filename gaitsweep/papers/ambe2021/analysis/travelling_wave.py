@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from gaitsweep.analyses import AnalysisError, wrapped_difference
+from gaitsweep.analyses import AnalysisError, require, wrapped_difference
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     constants_of,
@@ -143,9 +143,12 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
         the share of starts of the set without a source or a meeting place at any leg; `starts` of the set.
 
     Raises:
-        AnalysisError: the table is not of the chain.
+        AnalysisError: the table is not of the chain, or has no rows.
     """
     phases = _phases(table, "_end")
+    require(table, "status", "gait", "k")
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     names = set_columns(table)
     settled = Status.SOUND.among(table["status"])
     gait = np.asarray(table["gait"], str)

@@ -84,16 +84,16 @@ def chain_theory(
         table: a table of the chain; the first row's values of varying parameters are used.
 
     Raises:
-        PlotError: the table is not of the chain, show, k or at are out of range, or show is touchdowns for a
-            chain with a profile.
+        PlotError: the table is not of the chain, its job's parameters cannot be read, show, k or at are out
+            of range, or show is touchdowns for a chain with a profile.
     """
     try:
-        N = springs_of(table)
+        N, chain = springs_of(table), chain_of(table)
     except AnalysisError as error:
         raise PlotError(str(error)) from error
     if N < 2:
         raise PlotError("The theory needs a chain of at least three legs.")
-    return theory_figure(N, chain_of(table), show=show, k=k, at=at, title=title)
+    return theory_figure(N, chain, show=show, k=k, at=at, title=title)
 
 
 def theory_figure(

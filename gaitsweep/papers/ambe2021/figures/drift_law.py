@@ -31,7 +31,7 @@ from gaitsweep.plot import (
 )
 from gaitsweep.status import Outcome
 
-EQUAL_WITHIN = 1e-9  # largest difference between equal ends, in the unit of the parameter
+EQUAL_WITHIN = 1e-9  # largest asymmetry of equal ends, kg or rad per cycle
 ENDS = {"m": [("m_1", "m_end")], "kappa": [("kappa_1", "kappa_end")], "a": [("a_1", "a_end")]}
 ENDS["ends"] = list(itertools.chain(*ENDS.values()))
 ASYMMETRY_LABELS = {
@@ -101,7 +101,7 @@ def drift_law(
                 faces = {"facecolors": colour[name] if field == "max" else "none", "edgecolors": colour[name]}
                 style: dict[str, Any] = {"marker": marker[name], "s": 16, "linewidths": 0.8, **faces}
                 axes.scatter(points["asymmetry"], points[field], **style)
-        law = pairs.groupby("asymmetry")["law"].first().sort_index()
+        law = pd.Series(pairs.groupby("asymmetry")["law"].max())
         axes.plot(law.index, law, color="black", lw=0.9)
         axes.set(xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):

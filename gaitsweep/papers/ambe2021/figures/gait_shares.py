@@ -16,13 +16,19 @@ from matplotlib.patheffects import withStroke
 from gaitsweep import near_miss
 from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import parameters_of, profile_of
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
+    parameters_of,
+    profile_of,
+    set_columns,
+    without_phases,
+)
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
     AlongAxis,
     Horizontal,
     PlannedTable,
+    PlotError,
     Refusal,
     Title,
     axis_label,
@@ -48,7 +54,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if table.missing(["psi_1_end"]):
         yield figure.needs(table, "the multi-legged chain's psi_1")
         return
-    sets = [name for name in table.varied if not name.startswith(("psi_", "phi_"))]
+    sets = without_phases(table.varied)
     for field in ("x", "y"):
         column = getattr(figure, field)
         if column is not None and column not in sets and column not in TEXT_COLUMNS:
@@ -77,11 +83,12 @@ def gait_shares(
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
 
     Raises:
-        PlotError: the table does not have a column.
+        PlotError: the table does not have a column, or a column along an axis of a map is no swept parameter.
     """
     require_columns(table, x, y)
     if y is None:
         return _curves(table, x, title)
+    require_swept(table, x=x, y=y)
     down, across = theme.shape(len(_SHARES), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 1.9 * down + 0.8, title) as figure:
         panels = theme.panels(figure, (down, across), len(_SHARES), sharex=True, sharey=True)
@@ -108,6 +115,19 @@ def gait_shares(
         handles = [Line2D([], [], **line) for line in _LINES.values()]
         theme.legend(figure, handles, list(_LINES), ncols=2)
     return figure
+
+
+def require_swept(table: pd.DataFrame, **columns: str) -> None:
+    """Refuse columns, by the names of their fields, that are no swept parameters of the chain.
+
+    Raises:
+        PlotError: a column is a phase of the start, or does not vary in the table's job.
+    """
+    swept = set_columns(table)
+    for field, name in columns.items():
+        if name not in swept:
+            text = f"{field} is {name}, which is not a swept parameter of this table."
+            raise PlotError(f"{text} {near_miss.allowing(swept)}")
 
 
 def _label(gait: str) -> str:

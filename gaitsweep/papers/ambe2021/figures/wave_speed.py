@@ -14,6 +14,8 @@ from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021 import extension
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_place as places_of
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
+from gaitsweep.papers.ambe2021.figures.gait_shares import require_swept
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import set_columns, without_phases
 from gaitsweep.plot import (
     CellGrid,
     Column,
@@ -108,10 +110,17 @@ _SHOWN = {"source": ("Blues", "source at this leg"), "meeting": ("Oranges", "wav
 def _check_profiles(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if table.missing(["psi_1_end"]):
         yield figure.needs(table, "the multi-legged chain's psi_1")
+        return
+    swept = without_phases(table.varied)
     for place, name in enumerate(figure.x):
-        if name not in table.varied:
-            allowed = near_miss.allowing(table.varied)
-            yield ("x", place), f"is {name}, which does not vary in this job. {allowed}"
+        if name not in swept:
+            allowed = near_miss.allowing(swept)
+            yield ("x", place), f"is {name}, which is not a varying parameter of this job. {allowed}"
+    if hidden := [name for name in swept if name not in figure.x]:
+        text = (
+            f"leaves out {' and '.join(hidden)}, in which the rows differ, too: fix its value under params."
+        )
+        yield ("x",), text
 
 
 @figure_kind("settle", check=_check_profiles, coloured="none")
@@ -130,11 +139,17 @@ def source_place(
         table: a settle table of the multi-legged chain, several starts for each profile.
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, one of `x` is no swept parameter, or another parameter varies.
     """
     if not x:
         raise PlotError("x is empty: name a profile that varies, such as m_slope.")
     require_columns(table, *x)
+    for name in x:
+        require_swept(table, x=name)
+    if hidden := [name for name in set_columns(table) if name not in x and len(table[name].unique()) > 1]:
+        raise PlotError(
+            f"x leaves out {' and '.join(hidden)}, in which the rows differ, too: keep the rows of one value."
+        )
     down, across = theme.shape(len(x), theme.PAGE, 1.4)
     with theme.canvas(theme.PAGE, 3.3 * down, title) as figure:
         panels = theme.panels(figure, (down, across), len(x), sharey=True)

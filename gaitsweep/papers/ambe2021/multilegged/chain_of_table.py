@@ -154,7 +154,12 @@ def psi_columns(table: pd.DataFrame, suffix: str) -> list[str]:
 
 def set_columns(table: pd.DataFrame) -> list[str]:
     """The swept axes of a table, except the phases of the start."""
-    return [name for name in axes_of(table) if not name.startswith(("psi_", "phi_"))]
+    return without_phases(axes_of(table))
+
+
+def without_phases(axes: Iterable[str]) -> list[str]:
+    """The names of swept axes, except those of the phases of the start."""
+    return [name for name in axes if not name.startswith(("psi_", "phi_"))]
 
 
 def of_legs(trace: pd.DataFrame, signal: str) -> Float[np.ndarray, "samples legs"]:

@@ -94,7 +94,7 @@ def with_legs_reversed(params: Params, s: State) -> State:
     return dataclasses.replace(s, phi=phi, segment=s.segment[::-1], held=s.held[::-1], psi=psi)
 
 
-# Steps of a cycle for each spring; with fewer, crossings are detected ever later.
+# The fewest steps of a cycle for each spring; with fewer, crossings are detected ever later.
 STEPS_PER_SPRING = 6.25
 
 
@@ -104,8 +104,8 @@ class NextEventSteps(FixedStepDynamics):
 
     The balance of a landing leg is rising and concave: extrapolation at its current rate never overshoots the
     touchdown and reaches it in a few steps, without a search. Results do not depend on dt, except the times
-    of crossings: they are late by `late`, less than a step if steps are shorter than a sixteenth of a cycle
-    divided by N, the number of springs.
+    of crossings: they are late by `late`, some steps if a cycle has `STEPS_PER_SPRING` steps or more for each
+    of the N springs. With fewer steps the delay grows.
     """
 
     N: int
@@ -133,7 +133,7 @@ class NextEventSteps(FixedStepDynamics):
         return after_events(moved, corner, due, lifts)
 
     def longest_step(self, params: Params) -> Float[Array, ""]:
-        """A sixth of the time between two touchdowns, so that steps soon catch up with `late`."""
+        """The longest step (s) with which steps catch up with `late`, about a sixth of a cycle over N."""
         return 2.0 * jnp.pi / params.omega / (STEPS_PER_SPRING * self.N)
 
     def events(self, params: Params, before: State, after: State) -> Bool[Array, " events"]:

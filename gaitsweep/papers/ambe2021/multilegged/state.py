@@ -136,6 +136,13 @@ class _ChainChart(Chart):
     ) -> Float[Array, " conserved"]:
         return jnp.sum(at[: self.N])[None]
 
+    def _psi(self, when: str = "") -> tuple[Quantity, ...]:
+        """The relative phases; `when` ends their meaning."""
+        return tuple(
+            Quantity(f"psi_{i}", "rad", f"phase of leg {i + 1} less that of leg {i}{when}", circular=True)
+            for i in range(1, self.N + 1)
+        )
+
 
 @dataclasses.dataclass(frozen=True)
 class MultileggedChart(_ChainChart):
@@ -149,12 +156,8 @@ class MultileggedChart(_ChainChart):
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
         legs, later = range(1, self.N + 2), range(2, self.N + 2)
-        pairs = range(1, self.N + 1)
         return (
-            *(
-                Quantity(f"psi_{i}", "rad", f"phase of leg {i + 1} less that of leg {i}", circular=True)
-                for i in pairs
-            ),
+            *self._psi(),
             Quantity("phi_1", "rad", "phase of leg 1", circular=True),
             *(Quantity(f"x_{i}", "m", f"height of mass {i}") for i in later),
             *(Quantity(f"v_{i}", "m/s", f"velocity of mass {i}") for i in legs),
@@ -189,15 +192,7 @@ class ReducedChart(_ChainChart):
 
     @property
     def coordinates(self) -> tuple[Quantity, ...]:
-        return tuple(
-            Quantity(
-                f"psi_{i}",
-                "rad",
-                f"phase of leg {i + 1} less that of leg {i}, just after leg 1's reset",
-                circular=True,
-            )
-            for i in range(1, self.N + 1)
-        )
+        return self._psi(", just after leg 1's reset")
 
     def to_coordinates(self, params: Params, state: ReducedState) -> Float[Array, " coordinates"]:
         return wrapped(state.phi[1:] - state.phi[:-1])

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.analyses import wrapped_difference
+from gaitsweep.dynamics import TWO_PI
 from gaitsweep.papers.ambe2021.theory.chain import TABLE_1, Chain, amplitudes, shift, springs, touchdown_phase
 from gaitsweep.papers.ambe2021.theory.order import meetings
 from gaitsweep.papers.ambe2021.theory.solution_sets import (
-    TWO_PI,
     Branch,
     LagRule,
     branches,

@@ -36,7 +36,7 @@ from gaitsweep.papers.ambe2021.theory.solution_sets import (
     Branch,
     LagRule,
     Leg,
-    branches,
+    index_of,
     phases_on_section,
     places,
     rule_of,
@@ -268,8 +268,7 @@ def multipliers(N: int, branch: Branch) -> Float[np.ndarray, " springs"]:
 
     Source: eq. (22) for the sets A and B, eq. (26) for the direct wave.
     """
-    if branch not in branches(N):
-        raise ArgumentError(f"{branch} is not among the sets of a chain of {N + 1} legs.")
+    index_of(N, branch)
     values = np.full(N, 2.0 / 3.0)
     values[0] = 1.0
     if branch.kind == "A":

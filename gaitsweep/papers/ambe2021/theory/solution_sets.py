@@ -161,12 +161,22 @@ def rule_of(N: int, branch: Branch, chain: Chain) -> LagRule:
     Raises:
         ArgumentError: the chain has no such set.
     """
-    if branch not in branches(N):
+    return _row_of_rules(N, index_of(N, branch), chain)
+
+
+def index_of(N: int, branch: Branch) -> int:
+    """The index of a set in `branches(N)`.
+
+    Raises:
+        ArgumentError: the chain has no such set.
+    """
+    sets = branches(N)
+    if branch not in sets:
         raise ArgumentError(
             f"{branch} is not a set of a chain of {N + 1} legs: A and B have a boundary leg k, one of "
             f"2 .. {N}; the direct wave has k = {N}."
         )
-    return _row_of_rules(N, branches(N).index(branch), chain)
+    return sets.index(branch)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -19,13 +19,14 @@ from jaxtyping import Float, Int, Shaped
 from gaitsweep.analyses import AnalysisError, axes_of, require
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, FAMILIES, family
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, FAMILIES, STRICT, family
 
 Samples = Float[np.ndarray, " samples"]
 
 # The period is not steady while a parameter moves, so only the shifts are tested. Complete cycles of all legs
 # are not required, since the first of two onsets between crossings, as in a trot, is not known.
 WHILE_RAMPING = Steadiness(variation=math.inf, skipped=0.3, cycles=0)
+MIN_WINDOWS = 3  # of a bout that is named in figures, or whose speeds are those of a transition
 
 
 def gaits_along(table: pd.DataFrame, *, cycles: int = 3) -> pd.DataFrame:
@@ -51,7 +52,8 @@ def gaits_along(table: pd.DataFrame, *, cycles: int = 3) -> pd.DataFrame:
     if not len(along):
         means = {"pass": "pass", "speed_n": "speed", "x": "speed", _parameter(table): _parameter(table)}
         of_table = dict.fromkeys(name for column, name in means.items() if column in table.columns)
-        return along.assign(delta_1=0.0, delta_2=0.0, gait="", family="", **dict.fromkeys(of_table, 0.0))
+        gaits = dict.fromkeys(("gait", f"gait_at_{STRICT:g}", "family"), "")
+        return along.assign(delta_1=0.0, delta_2=0.0, **gaits, **dict.fromkeys(of_table, 0.0))
     named_cycles = gait_of(inside, rows=range(len(windows)), steadiness=WHILE_RAMPING)
     named = [name for name in named_cycles.columns if name.startswith(("delta_", "gait"))]
     along = pd.concat([along, named_cycles[named]], axis=1)
@@ -155,9 +157,6 @@ def _means_of_row(trace: pd.DataFrame, windows: pd.DataFrame, parameter: str | N
     return means
 
 
-MIN_WINDOWS = 3  # of a bout whose speeds count as those of a transition
-
-
 def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles: int = 3) -> pd.DataFrame:
     """The speed at which a faster family begins as the speed rises, and a slower one as it falls.
 
@@ -199,7 +198,7 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
             up, down = _up_and_down(bouts, FAMILIES.index(faster), turn)
             records.append({"row": row, "slower": slower, "faster": faster, "up": up, "down": down})
     speeds = pd.DataFrame(records, columns=["row", "slower", "faster", "up", "down"])
-    for name in reversed(list(by)):
+    for name in reversed([name for name in by if name != "row"]):
         speeds.insert(0, name, table.groupby("row")[name].first().reindex(speeds["row"]).to_numpy())
     return _pooled(speeds.assign(width=speeds["up"] - speeds["down"]), [*by, "slower", "faster"])
 

@@ -237,7 +237,7 @@ def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
     keys = list(sets)
     fell = Status.FAILED.among(table["status"])
     name = np.where(fell, "", table["gait"].astype(str))
-    number = table.groupby(keys, sort=False, observed=True).ngroup().to_numpy()
+    number = table.groupby(keys, sort=False, observed=True, dropna=False).ngroup().to_numpy()
     count = int(number.max(initial=-1)) + 1
     counts = pd.DataFrame(table.drop_duplicates(keys)[keys]).reset_index(drop=True)
     counts["rows"] = np.bincount(number, minlength=count)

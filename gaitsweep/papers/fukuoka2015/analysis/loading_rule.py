@@ -279,12 +279,13 @@ def load_prediction(table: pd.DataFrame) -> pd.DataFrame:
     axes = cases_of(pairs, "gait")
     if "k2" not in axes or 0.0 not in set(pairs["k2"]):
         raise AnalysisError("No row has k2 = 0, but the table must contain trots without feedback too.")
-    places = [name for name in axes if name != "k2"]
+    pairs = pairs.assign(everywhere=0)  # the place of all rows if k2 alone varies
+    places = ["everywhere", *(name for name in axes if name != "k2")]
     without = pairs.loc[pairs["k2"] == 0.0]
     is_trot = without["gait"].astype(str) == "trot"
     trots = is_trot.groupby([without[name] for name in places]).all()
     loads = without.groupby(places)[names].mean().loc[trots]
-    walking = pairs.loc[pairs["k2"] != 0.0].groupby(axes)
+    walking = pairs.loc[pairs["k2"] != 0.0].groupby(["everywhere", *axes])
     walks = walking.agg(gait=("gait", "first"), gaits=("gait", "nunique"), delta=("delta", "mean"))
     walks = walks.reset_index()
     walks = walks.loc[walks["gait"].isin(WALKS) & (walks["gaits"] == 1)]

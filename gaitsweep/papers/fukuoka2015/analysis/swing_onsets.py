@@ -16,6 +16,9 @@ from gaitsweep.analyses import AnalysisError, require
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
     LEGS,
+    MAX_ANTIPHASE_ERROR,
+    MAX_VARIATION,
+    MIN_LENGTH,
     PAIRS,
     STRICT,
     THRESHOLD,
@@ -150,11 +153,11 @@ class Steadiness:
     smallest number of cycles of a leg; `antiphase_error`: how far the pairs may be from antiphase, in cycles.
     """
 
-    length: float = 0.95
-    variation: float = 0.05
+    length: float = MIN_LENGTH
+    variation: float = MAX_VARIATION
     skipped: float = 0.1
     cycles: int = 3
-    antiphase_error: float = 0.25
+    antiphase_error: float = MAX_ANTIPHASE_ERROR
 
 
 def gait_of(

@@ -44,19 +44,11 @@ def label_of(gait: str) -> str:
 
 
 def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refusal of a table whose gaits cannot be determined."""
-    if not has_swing_onsets(table):
-        yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
-
-
-def has_swing_onsets(table: PlannedTable) -> bool:
-    """Whether a table has the swing onsets of legs, for `analysis.gait_tables`."""
+    """Refusal of a table without swing onsets, by which `analysis.gait_tables` determines gaits."""
     averages = ("delta_1_mean", "delta_2_mean", "period", "variation", "antiphase", "length")
-    return (
-        table.missing([f"{name}_end" for name in averages]) is None
-        or table.missing([f"since_{leg}_n" for leg in LEGS]) is None
-        or table.missing(list(FLEXORS.values())) is None
-    )
+    forms = ([f"{name}_end" for name in averages], [f"since_{leg}_n" for leg in LEGS], [*FLEXORS.values()])
+    if all(map(table.missing, forms)):
+        yield figure.needs(table, "the swing onsets of four legs (as from planar_quadruped)")
 
 
 def in_words(table: pd.DataFrame, gait: pd.Series, samples: pd.DataFrame) -> list[str]:

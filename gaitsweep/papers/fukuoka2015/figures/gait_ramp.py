@@ -97,12 +97,12 @@ def gait_ramp(
         column(table, panels)
     values = [None] if panels is None else sorted(table[panels].dropna().unique())
     along = gaits_along(table, cycles=cycles)
-    if not len(along):
-        raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
     if x == "speed" and "speed" not in along.columns:
         raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
     horizontal = "speed" if x == "speed" else parameter
     along = along.loc[np.isfinite(along[horizontal])]
+    if not len(along):
+        raise PlotError(f"No row has {cycles} successive cycles, in which its gait could be read.")
     parts = [table if value is None else rows_where(table, table[str(panels)] == value) for value in values]
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
@@ -113,7 +113,7 @@ def gait_ramp(
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
-            _panel(axes, along, list(names.items()), parameter, areas, measured_speed=x == "speed")
+            _panel(axes, along, list(names.items()), parameter, horizontal, areas)
         grid[-1].set_xlabel("measured speed (m/s)" if x == "speed" else described(table, parameter))
         theme.legend(figure, _key(areas), ncols=6)
     return figure
@@ -153,20 +153,18 @@ def _panel(
     along: pd.DataFrame,
     rows: Sequence[tuple[Any, str]],
     parameter: str,
+    horizontal: str,
     areas: Areas,
-    *,
-    measured_speed: bool,
 ) -> None:
-    """The bars of named rows, over the parameter or the measured speed, and the direction of each pass."""
+    """The bars of named rows over the column `horizontal`, and the direction of each pass."""
     style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     for place, (row, _) in enumerate(rows):
         for down in (0, 1):
             part = along.loc[(along["row"] == row) & (along["pass"] == down)]
             height = place + (0.22 if down else -0.22)
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
-            horizontal = "speed" if measured_speed else parameter
             at = part[horizontal].to_numpy(float)
-            if measured_speed and len(at):
+            if horizontal == "speed" and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
             if len(part):
@@ -258,7 +256,9 @@ def speed_gaits(
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         for axes in grid[-across:]:
             axes.set_xlabel(described(table, speed, 60 // across))
-        names = [label_of(band) if by_gait else f"{band:.4g}".replace("-", "−") for band in bands]
+        names = [
+            label_of(band) if isinstance(band, str) else f"{band:.4g}".replace("-", "−") for band in bands
+        ]
         grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
         if not by_gait:

@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from gaitsweep import LimbLook, Trace
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import MIN_WINDOWS, gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
 from gaitsweep.papers.fukuoka2015.figures.gait_looks import ORDER, areas_of, colour_of, in_words, label_of
@@ -29,7 +29,6 @@ from gaitsweep.plot import (
     CountOrZero,
     Flag,
     PlannedTable,
-    PlotError,
     Positive,
     Refusal,
     Text,
@@ -67,9 +66,7 @@ def footfalls(axes: Axes, samples: pd.DataFrame) -> None:
     Raises:
         PlotError: a contact is not in the table.
     """
-    missing = [contact for contact in CONTACTS.values() if contact not in samples.columns]
-    if missing:
-        raise PlotError(f"The table has no column {missing[0]}: footfalls need a trace.")
+    require_columns(samples, *CONTACTS.values())
     t = samples["t"].to_numpy(float)
     down = samples[list(CONTACTS.values())].to_numpy(float)
     for row, leg in enumerate(LEGS):
@@ -92,7 +89,6 @@ _MAX_STRIPS = 12
 _MAX_COLUMNS, _ONE_COLUMN_STRIPS = 2, 4  # more strips than _ONE_COLUMN_STRIPS are in two columns
 _LABEL_ROOM = 1.0  # inches; of names and labels beside a strip
 _HEIGHTS = {"gait": 0.4, "flexor": 0.75, "load": 0.75, "feet": 0.8, "pitch": 0.7}  # inches
-_MIN_WINDOWS = 3  # least number of windows of a named gait bout
 _LETTER_WIDTH = 0.075  # inches; width of a letter of a gait's name
 
 
@@ -246,7 +242,7 @@ def _bouts(axes: Axes, part: pd.DataFrame, along: pd.DataFrame, wide: float) -> 
     width = (wide - _LABEL_ROOM) / (high - low)  # inches a second
     areas = areas_of(along["gait"].astype(str))
     drawn = set()
-    for bout in gait_bouts(of_row, "gait", _MIN_WINDOWS).to_dict("records"):
+    for bout in gait_bouts(of_row, "gait", MIN_WINDOWS).to_dict("records"):
         begin, end = max(float(bout["begin"]), low), min(float(bout["end"]), high)
         if end <= begin:
             continue

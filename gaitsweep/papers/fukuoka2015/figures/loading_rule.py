@@ -21,7 +21,6 @@ from gaitsweep.papers.fukuoka2015.figures.gait_looks import (
     check_gaits,
     colour_of,
     gait_key,
-    has_swing_onsets,
     marker_of,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import LEGS, THRESHOLD
@@ -46,8 +45,8 @@ _RULE_COLOUR = "#F0F0F0"
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    if not has_swing_onsets(table):
-        yield from check_gaits(figure, table)
+    if without_gaits := list(check_gaits(figure, table)):
+        yield from without_gaits
         return
     settled = table.missing(["late_load_LF_end"]) is None
     traced = ["pitch", *FLEXORS.values(), *(f"F_{leg}" for leg in LEGS)]
@@ -83,8 +82,10 @@ def loading_rule(
         table: a trace or a settle table of `planar_quadruped`.
 
     Raises:
-        PlotError: a column or a measure is missing.
+        PlotError: a column or a measure is missing, or one of only and value is given without the other.
     """
+    if (only is None) != (value is None):
+        raise PlotError("only and value select rows together: give both or none.")
     if only is not None:
         column(table, only)
         table = rows_where(table, table[only] == value)

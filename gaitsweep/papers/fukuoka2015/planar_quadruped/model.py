@@ -39,7 +39,16 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import (
     forces_on_joints,
     joint_powers,
 )
-from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, PAIRS, margin, place
+from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
+    CHART,
+    LEGS,
+    MAX_ANTIPHASE_ERROR,
+    MAX_VARIATION,
+    MIN_LENGTH,
+    PAIRS,
+    margin,
+    place,
+)
 from gaitsweep.papers.fukuoka2015.planar_quadruped.observables import (
     LABEL_FIELDS,
     OBSERVABLES,
@@ -55,10 +64,7 @@ BODIES = ("tree", "mjx")
 # Limits of a fall: height as a share of the standing height, and pitch (rad).
 FALL_HEIGHT, FALL_TILT = 0.45, 1.0
 FALL_CLEARANCES = (0.2, FALL_HEIGHT, 0.2)  # of hind hips, centre and fore hips above uneven ground
-# Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period.
-MIN_LENGTH, MAX_VARIATION = 0.95, 0.05
 DEFINED_STEP = 1.0e-3  # s
-MAX_ANTIPHASE_ERROR = 0.25  # cycles: largest deviation of the pairs from antiphase
 UNSTEADY = len(CHART)
 START_CLEARANCE = 0.005  # m, between the lowest foot and the ground
 START_LEAN = 0.2  # rad, by which the hips of standing legs point forward and those of swinging legs backward

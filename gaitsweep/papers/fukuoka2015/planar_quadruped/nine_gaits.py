@@ -27,6 +27,9 @@ CHART = (
 FAMILIES = ("walk", "trot", "canter", "gallop")  # in the order of speed
 THRESHOLD = 0.07  # cycles
 STRICT = 0.05  # cycles: a second threshold, reported beside the first
+# Limits of a steady gait: resultant length of the shifts, coefficient of variation of the period, and
+# deviation of the pairs from antiphase, cycles.
+MIN_LENGTH, MAX_VARIATION, MAX_ANTIPHASE_ERROR = 0.95, 0.05, 0.25
 
 
 def place(delta_1: Any, delta_2: Any, threshold: Any = THRESHOLD) -> Any:
