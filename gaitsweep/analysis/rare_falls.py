@@ -208,10 +208,11 @@ def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
 
 def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
     """The weighted means of the numbers drawn before falls, as `RareFalls.way_out`."""
-    means = np.full(windows.draws.shape[1:], np.nan)
+    _, length, draws = windows.draws.shape
+    means = np.full((length, draws), np.nan)
     if windows.weights.size:
         means = np.average(windows.draws, axis=0, weights=windows.weights)
-    columns = {f"draw_{k + 1}": means[:, k] for k in range(means.shape[1])}
+    columns = {f"draw_{k + 1}": means[:, k] for k in range(draws)}
     way_out = pd.DataFrame({"step": np.arange(1 - steps, 1), **columns})
     # the number that is drawn in the step of the fall comes after it
     return way_out.iloc[:-1]

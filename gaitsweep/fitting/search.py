@@ -451,7 +451,7 @@ def _depends_on_the_step(job: SearchJob, model: Model, finalists: pd.DataFrame |
     moved = {}
     for name in job.counted:
         target = job.targets[name]
-        change = finalists[f"{name}_half"] - finalists[name]
+        change = (finalists[f"{name}_half"] - finalists[name]).to_numpy(float)
         if target.measure.circular(model):
             change = wrapped_difference(change)
         # NaN, where one of the steps gives no value, counts as moved

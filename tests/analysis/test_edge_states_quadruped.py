@@ -8,10 +8,18 @@ import pytest
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, edge_states
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
+
+
+@pytest.fixture(autouse=True)
+def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile kernels with optimisation, which takes less time here than it saves."""
+    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
+    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
 
 
 @pytest.mark.slow

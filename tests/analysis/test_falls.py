@@ -168,4 +168,4 @@ def test_the_way_out_is_unknown_without_a_fall_at_the_end_of_a_window() -> None:
     windows = _Windows(np.full(2, 0.1), np.zeros(0), np.zeros((0, 4, 1)), falls=20, undecided=0.0)
     way = _way_out(windows, 4)
     assert way["step"].tolist() == [-3, -2, -1]
-    assert way["draw_1"].isna().all()
+    assert np.all(way["draw_1"].isna())

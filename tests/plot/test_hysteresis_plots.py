@@ -83,7 +83,7 @@ def test_arrows_are_drawn_along_rows_on_branches_only() -> None:
 def test_a_pass_after_an_irregular_one_keeps_its_direction() -> None:
     """Pass 1 is on no branch and is not drawn; pass 2 rises, from a value below the last one of pass 0."""
     table = staircase_table()
-    again = table[(table["pass"] == 0) & (table["f"] < 0.5)].copy()
+    again = table.loc[(table["pass"] == 0) & (table["f"] < 0.5)].copy()
     again[["pass", "stair"]] = np.column_stack([np.full(len(again), 2), again["stair"] + len(table)])
     table = pd.concat([table, again], ignore_index=True)
     irregular = table["pass"] == 1
