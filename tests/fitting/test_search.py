@@ -488,7 +488,7 @@ def test_a_model_beside_the_job_is_found_again_from_another_folder(
 
 @pytest.mark.parametrize("name", ["kick", "why", "miss_speed", "speed_half", "1st"])
 def test_targets_do_not_take_the_names_of_other_columns(name: str, tmp_path: Path) -> None:
-    with pytest.raises(JobError, match=f"search.targets.{name} has "):
+    with pytest.raises(JobError, match=f"search.targets.{name} is "):
         searched(job(targets={name: TOY["search"]["targets"]["speed"]}), tmp_path / "out")
 
 
