@@ -35,8 +35,8 @@ def concat(*tables: Tables) -> pd.DataFrame:
 
     Raises:
         ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
-            of the others; two tables have rows of the same number of the same job, which would count twice;
-            an argument is no table.
+            of the others; two tables have the same row of one job, which would count twice; they are of
+            atlases; an argument is no table, or there is none.
 
     Example:
         >>> import gaitsweep as gs
@@ -113,10 +113,10 @@ def _frames(tables: Sequence[Tables]) -> list[pd.DataFrame]:
 
 
 def _require_alike(jobs: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse tables of different models, run kinds or moved parameters, and those without a job.
+    """Refuse tables of different models, run kinds or moved parameters, of atlases, and those without a job.
 
     Raises:
-        ArgumentError: they differ; the message has both values.
+        ArgumentError: with both values, or the number of the table.
     """
     for number, job in enumerate(jobs, 1):
         if not job:
@@ -202,7 +202,7 @@ def _with_differing_constants(
     """The tables with a column for each constant that differs between their jobs, or is a column of another.
 
     Raises:
-        ArgumentError: a column of one table is an axis of another, and no constant of its job.
+        ArgumentError: a table has neither a column nor a constant of a name that another one has.
     """
     constants = [
         {key: value for part in _CONSTANTS for key, value in (job.get(part) or {}).items()} for job in jobs

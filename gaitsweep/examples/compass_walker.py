@@ -71,7 +71,7 @@ class CompassWalker(DeclaredModel):
 
     @strike.jump
     def exchange(self, p, s):
-        """Exchange the legs; angular momentum about the new foot and about the hip is conserved."""
+        """Exchange the legs; momentum about the new foot, and of the old leg about the hip, is conserved."""
         length = p.a + p.b
         cosine = jnp.cos(s.stance - s.swing)
         mass_moment = p.m * p.a * p.b
@@ -103,7 +103,7 @@ class CompassWalker(DeclaredModel):
         return kinetic + coupling * s.stance_rate * s.swing_rate + potential
 
     def failed(self, p, s):
-        """Return whether the stance leg is beyond the horizontal or the swing leg points upwards."""
+        """Return whether the stance leg is beyond the horizontal, or the swing leg beyond the vertical."""
         return (jnp.abs(s.stance) > 0.5 * jnp.pi) | (jnp.abs(s.swing) > jnp.pi)
 
     def period(self, p):

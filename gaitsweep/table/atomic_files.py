@@ -93,7 +93,7 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Write a file to a hidden temporary name in the folder of `path`, flush it to disk, and rename it.
 
     A kill at any point leaves the old or the new file, and at most a temporary file, which `remove_partials`
-    removes. A link at either name is replaced, not followed. If several processes write the same file at the
+    removes. A link at `path` is replaced, not followed. If several processes write the same file at the
     same time, the last one to finish wins.
 
     Args:
@@ -104,9 +104,9 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
         OSError: the file could not be written; `path` is unchanged, and the temporary file is removed.
     """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL}")
+    opened = open(temporary, "xb")  # noqa: SIM115 - what is there already is not removed below
     try:
-        # opened by path, since other programs that write it need the path
-        with open(temporary, "xb", opener=_without_links) as file:
+        with opened as file:
             write(file)
             sync_file(file, path)
         os.replace(temporary, path)
@@ -115,11 +115,6 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object]) -> None:
             temporary.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
-
-
-def _without_links(path: str, flags: int) -> int:
-    """Open a file, as an `opener` of `open`; a symbolic link in its place is refused, not followed."""
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 @contextlib.contextmanager
@@ -139,14 +134,14 @@ def _is_temporary(path: Path) -> bool:
 
 
 def sync_file(file: IO[bytes], path: Path) -> None:
-    """Flush an open file to disk, which has the name `path` or will have it."""
+    """Flush an open file, whose name is or will be `path`, to disk; not one in a `temporary_folder`."""
     file.flush()
     if not _is_temporary(path):
         os.fsync(file.fileno())
 
 
 def sync_folder(folder: Path) -> None:
-    """Flush the entries of a folder to disk; errors of file systems without that function are ignored."""
+    """Flush the entries of a folder to disk, where the file system can; not those of a `temporary_folder`."""
     if _is_temporary(folder):
         return
     with contextlib.suppress(OSError):

@@ -7,13 +7,15 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from jax import Array
 from matplotlib.colors import to_hex
 
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
-from gaitsweep.analysis.continuation.continuation import continuation
+from gaitsweep.analysis.continuation.continuation import _followed_on_refined, continuation
 from gaitsweep.analysis.continuation.plain_map import PlainMap
+from gaitsweep.errors import ArgumentError
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
 
 Values = Mapping[str, Array]
@@ -46,6 +48,28 @@ def conserving(values: Values, x: Array) -> Array:
 
 FOLD = PlainMap(fold, ("x",), (("r", 0.1),))
 CUSP = PlainMap(cusp, ("x",), (("r", 0.0), ("a", 1.0)))
+
+
+def test_levels_at_the_starts_stay_so_on_the_refined_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A branch that is lost is followed again with the levels given: None is the value at the start."""
+    monkeypatch.setattr(PlainMap, "refined", lambda mapping: mapping)
+    lost = pd.DataFrame({"row": [0, 1], "end": ["lost", ""], "special": ""})
+    given: list[Any] = []
+
+    def follow(*args: Any) -> pd.DataFrame:
+        given.append(args)
+        return pd.DataFrame({"row": [0], "end": ["range"], "special": ""})
+
+    starts = FOLD.points([[0.9], [0.8]])
+    levels = {"L": None, "E": np.array([1.0, 2.0])}
+    table = _followed_on_refined(lost, follow, FOLD, starts, {}, 1.0, levels)
+    assert table["end"].tolist() == ["range", ""]
+    assert given[0][-1] == {"L": None, "E": [1.0]}
+
+
+def test_values_that_are_not_given_are_not_shown() -> None:
+    with pytest.raises(ArgumentError, match="shown has b, which"):
+        continuation(FOLD, FOLD.points([[0.9]]), {}, parameter="r", within=(0.5, 2.0), shown=["b"])
 
 
 def test_around_a_fold() -> None:

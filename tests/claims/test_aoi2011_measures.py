@@ -231,6 +231,13 @@ def test_path_and_slip() -> None:
     assert motion_measures.sideways_share(shorter.assign(q_1=sway)) < 1e-3
     with pytest.raises(AnalysisError, match="row 0 is shorter than a cycle"):
         motion_measures.sideways_share(straight.head(30))
+    for wrong, reason in (
+        (straight.head(0), "no rows"),
+        (straight.assign(q_1=np.where(t > 2.0, np.nan, 0.0)), "row 0 lacks a position"),
+        (straight.assign(q_0=0.0, q_1=0.0), "row 0 does not move"),
+    ):
+        with pytest.raises(AnalysisError, match=reason):
+            motion_measures.sideways_share(wrong)
     turned = straight.assign(q_0=np.sin(t), q_1=1.0 - np.cos(t))
     assert motion_measures.sideways_share(turned) > 0.1
 

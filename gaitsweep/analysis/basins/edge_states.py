@@ -176,7 +176,7 @@ def fates(
     mapper: AttractorMapper,
     most: int,
 ) -> Fates:
-    """Follow n trajectories to their attractors, those of each pair by one function.
+    """Follow n trajectories to their attractors, each with the parameters of its pair.
 
     Args:
         mapping: the map.
@@ -245,10 +245,15 @@ class EdgeLimits:
         residual_tolerance: the residual of the map below which a state is fixed.
         cuts: points tried at once on the line between the two: 1 bisects. More points take fewer rounds and
             more evaluations, and find an edge beside a third basin more often.
-        max_cycles: cycles within which a trajectory has to reach an attractor, and two have to separate.
+        max_cycles: cycles within which a trajectory has to reach an attractor, and after which two that have
+            not separated are bisected anew.
         max_period: the longest period of a periodic edge state; longer ones count as wandering.
         max_rounds: the largest number of bisections followed by tracking.
         settle_cycles: cycles after which a start is at its attractor; used only without a mapper.
+
+    Raises:
+        ArgumentError: a distance or the residual is not in its range, or another value is no whole number
+            from 1 on.
     """
 
     bisection_distance: float = 1e-7
@@ -315,7 +320,8 @@ def edge_states(
         limits: tolerances and limits.
 
     Raises:
-        ArgumentError: u1 and u2 differ in length, or the map does not have a parameter that is given.
+        ArgumentError: u1 and u2 differ in length, the map does not have a parameter that is given, or the
+            mapper is of another number of pairs or returns another number of labels.
     """
     if len(u1) != len(u2):
         raise ArgumentError(

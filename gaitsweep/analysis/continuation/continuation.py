@@ -7,13 +7,13 @@ Tables of branches have these columns. `special` is empty or one of
   unit circle; subcritical_pitchfork: where one fewer is;
 - branch_point: two branches cross in another way, or several multipliers are 1 at once. Where the map has a
   corner along the branch, its halves on both sides decide: a pitchfork if they are on one side of the
-  parameter, transcritical if on two, else branch_point;
+  parameter, transcritical if on two, branch_point if that is not clear;
 - corner: a fold at a corner of the map, where no multiplier is 1;
 - kink: a step over a corner or a jump of the map.
 
-`end` is empty or the reason why the branch ends: range, closed, most, lost (no step converges, or the map is
-not defined beyond), not_found (half of a crossing branch that was not found; this is its only point), or a
-`NewtonOutcome` where no fixed point was found at the start.
+`end` is empty or the reason why the branch ends: range, closed, most (the largest number of points), lost (no
+step converges, or the map is not defined beyond), not_found (half of a crossing branch that was not found;
+this is its only point), or a `NewtonOutcome` where no fixed point was found at the start.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from gaitsweep.analysis.continuation.branch_table import BranchTable
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, NewtonOutcome, newton
 from gaitsweep.engine.poincare.maps import Map, Points, Values
 from gaitsweep.errors import ArgumentError
+from gaitsweep.near_miss import suggestion
 
 
 def continuation(
@@ -65,8 +66,8 @@ def continuation(
         shown: names of the values in the table beside the parameter; by default all.
         with_points: whether each record has its `BranchPoints` (of one point) as `at`.
         crossing: whether the branches that cross at branch points are followed, too, in both directions. Then
-            `branch` numbers the branches of a row, 0 through its start, and `point` leaves out one number
-            before each other.
+            `branch` numbers the branches of a row, 0 through its start, and one number of `point` is left out
+            before each further branch.
 
     Returns:
         One record a point: row (of the start), point, parameter and other values, the map's observables,
@@ -89,6 +90,10 @@ def continuation(
         raise ArgumentError(f"within is {list(within)}, but must be a range of two different numbers.")
     if towards not in (1, -1):
         raise ArgumentError(f"towards is {towards}, but must be 1 or -1.")
+    if unknown := sorted(set(shown or ()) - set(values)):
+        raise ArgumentError(
+            f"shown has {unknown[0]}, which is no name in values{suggestion(unknown[0], values)}"
+        )
     if begin is None:
         begin = min(within) if towards > 0 else max(within)
     follow = functools.partial(
@@ -131,7 +136,9 @@ def _followed_on_refined(
     def of_rows(value: Any) -> Float[np.ndarray, " some"]:
         return np.broadcast_to(np.asarray(value, np.float64), (len(starts),))[rows]
 
-    levels = {name: of_rows(value) for name, value in fix.items()} if isinstance(fix, Mapping) else fix
+    levels: Sequence[str] | dict[str, object] = fix if not isinstance(fix, Mapping) else {}
+    if isinstance(fix, Mapping):  # None: the value at the start
+        levels = {name: None if value is None else of_rows(value) for name, value in fix.items()}
     values_of_rows = {name: of_rows(value) for name, value in values.items()}
     again = follow(refined, starts[rows], values_of_rows, of_rows(begin), levels)
     return _replaced(branches, rows, again)

@@ -221,7 +221,7 @@ class HopfOscillators(_Rhythm):
         x, y = state.hopf_x, state.hopf_y
         delta = _deltas(legs, params)
         c, s = jnp.cos(delta), jnp.sin(delta)
-        # the mean of exp(-i delta) z, turned by each leg's own delta
+        # the sum of exp(-i delta) z, turned by each leg's own delta
         u = jnp.sum(c * x + s * y)
         v = jnp.sum(c * y - s * x)
         n = len(legs)
@@ -264,7 +264,9 @@ class MatsuokaOscillators(Oscillators):
     rise: Positive = Field(description="time constant of the rise, s: the parameter Tr")
     adaptation: Positive = Field(description="time constant of the adaptation, s: the parameter Ta")
     fatigue: NotNegative = Field(default=2.5, description="gain of the fatigue: the parameter b")
-    mutual: Real = Field(default=-2.0, description="weight between a leg's extensor and flexor: gamma")
+    mutual: Real = Field(
+        default=-2.0, description="weight between a leg's extensor and flexor: the parameter gamma_"
+    )
     drive: Positive = Field(default=1.0, description="tonic drive: the parameter drive")
     inhibited: list[tuple[Text, Text]] = Field(
         default_factory=list, description="pairs of legs that inhibit each other, such as [[L, R]]"
@@ -273,10 +275,12 @@ class MatsuokaOscillators(Oscillators):
         default=-0.5, description="weight between the legs of a pair: the parameter between"
     )
     hip: Real | None = Field(
-        default=None, description="feedback of the hip's angle, 1/rad: k1; left out: none"
+        default=None, description="feedback of the hip's angle, 1/rad: the parameter k1; left out: none"
     )
     hip_rest: Real = Field(default=0.0, description="hip angle without feedback, rad: the parameter theta0")
-    load: Real | None = Field(default=None, description="feedback of the load, 1/N: k2; left out: none")
+    load: Real | None = Field(
+        default=None, description="feedback of the load, 1/N: the parameter k2; left out: none"
+    )
 
     @model_validator(mode="after")
     def _refuse_idle_fields(self) -> Self:
@@ -301,8 +305,7 @@ class MatsuokaOscillators(Oscillators):
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
-        # the first leg, and others that it does not inhibit, begin in swing: before the section, at which its
-        # extensor takes over
+        # each second leg from the first on begins in swing: before the section, where the extensor takes over
         extensors = [1.0 if i % 2 else 0.1 for i in range(n)]
         starts = (*extensors, *(1.1 - start for start in extensors))
         declared: dict[str, Any] = {

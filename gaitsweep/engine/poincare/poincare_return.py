@@ -126,7 +126,7 @@ class ReturnStatus(ResultCode):
 
     crossed = 0, "The section was crossed."
     late = 1, "No crossing came within four nominal periods."
-    stalled = 2, "Events followed each other without end."
+    stalled = 2, "Events followed each other without end, or the steps became too many."
     lost = 3, "A state variable became NaN or infinite, or the model's period is."
     fell = 4, "The body fell: the model's function `failed` became true."
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
@@ -231,14 +231,15 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "a
         numerics: the method and its tolerances. With fixed steps no event is located: the state is a
             discontinuous function of its start, and derivatives are refused.
         engine: kernel, xla, or auto: kernel where the model and the machine allow it; quick is a kernel for
-            few returns, which is compiled in less time and runs longer.
+            few returns, which is compiled in less time and runs longer. Where derivatives are refused, xla.
 
     Raises:
         ArgumentError: the engine is unknown.
-        UnsupportedError: a kernel is required, but the model uses operations that no kernel has.
+        UnsupportedError: a kernel is required, and derivatives are not refused, but the model uses operations
+            that no kernel has.
     """
     if engine not in get_args(ReturnEngine):
-        raise ArgumentError(f"engine is {engine}. Allowed: auto, kernel, xla.")
+        raise ArgumentError(f"engine is {engine}. Allowed: {', '.join(get_args(ReturnEngine))}.")
     functions = PoincareReturn(model, numerics)
 
     def by_xla(params: Params, state: State) -> Returned:

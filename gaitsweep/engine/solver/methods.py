@@ -54,7 +54,7 @@ METHODS: dict[str, Method] = {
     "tsit5": Method(tsit5, first_step=0.25, growth=5.0, adaptive=True),
     "taylor": Method(taylor, first_step=0.5, growth=4.0, adaptive=True, series=True),
     "rodas5p": Method(rodas5p, first_step=0.25, growth=5.0, adaptive=True),
-    "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (1.0, 2.7))),
+    "rk4": Method(rk4, first_step=0.125, growth=1.25, limits=((0.0, 2.6), (0.65, 2.6), (1.0, 2.7))),
     "propagator6": Method(
         exponential(PROPAGATOR6),
         first_step=1.0 / 32.0,

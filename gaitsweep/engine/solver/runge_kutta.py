@@ -51,7 +51,7 @@ def euler_update(state: State, rates: Rates, h: Number | float) -> State:
 
 
 def rk4(model: HybridModel) -> Step:
-    """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.7."""
+    """The classic Runge-Kutta step of order 4; stable if dt times the fastest rate is below 2.6."""
 
     def step(params: Params, state: State, h: Number) -> State:
         k1 = model.flow(params, state)

@@ -29,7 +29,7 @@ from gaitsweep.claims import (
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
 
-# Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle
+# Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle; its share
 _CYCLE_TOLERANCE = 0.2
 _TOGETHER = 0.2  # rad, the largest difference of limbs that land together
 
@@ -120,7 +120,7 @@ def farthest_angle(
 
 
 def _present(table: pd.DataFrame, column: str, subject: str) -> Float[np.ndarray, " values"]:
-    """The values of a column that are not missing; without any the error says of what by `subject`."""
+    """The values of a column that are not missing; without any, an AnalysisError begins with `subject`."""
     values = numbers(table, column)
     values = values[~np.isnan(values)]
     if not values.size:
@@ -171,12 +171,18 @@ def drift_from_start(table: pd.DataFrame, *, start: str, end: str, where: Condit
 def sideways_share(table: pd.DataFrame) -> float:
     """Largest distance from the line between begin and end of a trace, as a share of its length (1).
 
+    Args:
+        table: a trace with the positions q_0, q_1.
+
     Raises:
-        AnalysisError: the table does not have a column, or a row has no complete cycle.
+        AnalysisError: the table does not have a column or a row, or a row has no complete cycle, lacks a
+            position, or begins and ends at one place.
     """
     require(table, "row", "t", "q_0", "q_1")
+    if table.empty:
+        raise AnalysisError("The table has no rows.")
     design = stored_job(table.attrs).design
-    largest = 0.0
+    shares = []
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
         path = part[["q_0", "q_1"]].to_numpy(float)
@@ -190,9 +196,12 @@ def sideways_share(table: pd.DataFrame) -> float:
         path = np.stack([np.convolve(path[:, k], window, "valid") for k in (0, 1)], axis=1)
         line = path[-1] - path[0]
         length = float(np.hypot(*line))
+        if not length > 0.0 or np.isnan(path).any():
+            reason = "does not move along" if length == 0.0 else "lacks a position at some samples of"
+            raise AnalysisError(f"The body of row {row} {reason} its trace.")
         sideways = (path - path[0]) @ np.array([-line[1], line[0]]) / length
-        largest = max(largest, float(np.max(np.abs(sideways))) / length)
-    return largest
+        shares.append(float(np.max(np.abs(sideways))) / length)
+    return max(shares)
 
 
 @measure
