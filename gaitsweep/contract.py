@@ -143,8 +143,9 @@ class Jumps(abc.ABC):
     def jump(self, params: Params, state: State, fired: Bool[Array, " events"], /) -> State:
         """The state after some events; only a jump changes the modes.
 
-        Events that are located in time jump one at a time, in the order of the guards; after each jump the
-        guards are looked at again. Events of a scheme of steps jump together.
+        Events that are located at one time jump as `simultaneous` has it: by default one at a time, in the
+        order of the guards, which are looked at again after each jump. Events of a scheme of steps jump
+        together.
 
         Args:
             params: the parameters.
@@ -330,7 +331,7 @@ class Model(Jumps):
         return None
 
     def free_link(self, trace: pd.DataFrame, legs: int) -> int | None:
-        """The number, 1 on, of the neighbouring limbs whose phase difference is free; None: there are none.
+        """The number i of the limbs i and i + 1 whose phase difference is free, from 1; None: there are none.
 
         Args:
             trace: the last records of a row of a trace, a DataFrame.

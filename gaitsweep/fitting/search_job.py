@@ -35,6 +35,7 @@ from gaitsweep.runs.prepare import RunContext
 from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.numbers import Count, CountOrZero, Positive, Seed, Text, Word
 from gaitsweep.schema.strict_model import StrictModel, plain, read_model
+from gaitsweep.status import SetStatus
 from gaitsweep.table import TableError, load
 
 # Columns of the table of a search beside constants and targets.
@@ -365,7 +366,7 @@ def _sets_of(
         folder: folder to which the directory is relative.
 
     Raises:
-        TableError: a directory is not the result of a search.
+        TableError: a directory is not the result of a search, or is that of a search of other constants.
     """
     directory = folder / entry if isinstance(entry, str) else None
     if directory is None or not directory.is_dir():
@@ -374,12 +375,14 @@ def _sets_of(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # a search that was stopped has sets too
         table = load(directory)
-    if not {"score", "generation"} <= set(table):
+    if not {"score", "generation", "status"} <= set(table):
         raise TableError(f"{entry} is not the result of a search: its table has no score.")
     constants = [name for name in search.free if name in table]
     if not constants:
         raise TableError(f"{entry} is a search of other constants: it has none of {', '.join(search.free)}.")
-    best = table.sort_values("score", kind="stable").drop_duplicates(constants)
+    # a set that failed has a score too
+    complete = table.iloc[np.flatnonzero(table["status"].astype(str) == SetStatus.COMPLETE)]
+    best = complete.sort_values("score", kind="stable").drop_duplicates(constants)
     for _, row in best.head(search.options.known_best).iterrows():
         values = {name: search.free[name].written([row[name]])[0] for name in constants}
         yield f"row {row['row']} of {entry} ", values

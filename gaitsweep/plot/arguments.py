@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import SimpleNamespace, UnionType
@@ -92,7 +93,8 @@ def fields_of(draw: Callable[..., Any]) -> dict[str, Any]:
             # pydantic's mark of a required field is `...`; mappings are not shared between figures
             default: Any = ... if argument.default is argument.empty else argument.default
             mapping = isinstance(default, Mapping)
-            value: dict[str, Any] = {"default_factory": dict} if mapping else {"default": default}
+            copy = functools.partial(dict, default) if mapping else None
+            value: dict[str, Any] = {"default_factory": copy} if mapping else {"default": default}
             fields[name] = (_in_job(annotation), Field(**value, description=description))
     return fields
 

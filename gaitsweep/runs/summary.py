@@ -259,7 +259,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
         "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
     }
     if "periods" in fields:
-        fields["periods"] = dict(sorted(fields["periods"].items()))
+        fields["periods"] = dict(sorted(fields["periods"].items(), key=lambda item: int(item[0])))
     if parts_of_findings:
         records = pd.concat(parts_of_findings, ignore_index=True)
         fields["findings"] = context.job.run.findings(records)

@@ -116,6 +116,8 @@ def unstable_rests(
     samples, same = _samples(recorder, outcome, np.searchsorted(rerun_places, suspects["place"]), suspects)
     not_reproduced = suspects.iloc[np.flatnonzero(~same)]
     suspects = suspects.iloc[np.flatnonzero(same)]
+    if suspects.empty:
+        return not_reproduced.drop_duplicates("row")
 
     moving = context.job.run.moved
     following = context.design.following(moving) if moving is not None else {}

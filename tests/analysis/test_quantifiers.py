@@ -174,3 +174,20 @@ def test_rows_without_a_start_are_no_shock() -> None:
     quantified: Any = gs.quantifiers(table, "k", label="gait").set_index("gait")
     assert quantified.loc["walk", "least_shock"] == 0.5
     assert quantified.loc["trot", "least_shock"] == 1.0
+
+
+def test_rows_that_did_not_settle_have_no_outcome() -> None:
+    """One of two rows of a trot ended at the limit of cycles; none of the walk's has settled in time."""
+    columns = {"row": range(4), "k": 1.0, "x_0": [0.0, 0.1, 0.2, 0.3], "t_end": [9.0, 9.0, 1.0, 1.0]}
+    statuses = ["settled", "settled", "settled", "cycle_limit"]
+    table = pd.DataFrame({**columns, "status": statuses, "gait": ["walk", "walk", "trot", "trot"]})
+    quantified: Any = gs.quantifiers(table.assign(x_end=np.nan), "k", label="gait", within=2.0).set_index(
+        "gait"
+    )
+    assert quantified["rows"].to_dict() == {"trot": 1, "walk": 2}
+    assert quantified["fraction"].to_dict() == {"trot": 0.25, "walk": 0.5}
+    assert quantified.loc["walk", ["within", "within_low"]].tolist() == [0.0, 0.0]
+    assert quantified.loc["walk", "within_high"] == pytest.approx(0.4899, abs=1e-4)  # Wilson's, of 0 of 4
+    assert np.isnan(quantified["least_shock"].to_numpy(float)).all()  # no state at the end is known
+    with pytest.raises(AnalysisError, match="withn is an option of the search for attractors"):
+        gs.quantifiers(table, "k", label="gait", withn=2.0)

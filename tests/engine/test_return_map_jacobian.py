@@ -302,7 +302,7 @@ def test_unknown_names_are_refused() -> None:
     with pytest.raises(ValueError, match="did you mean beta"):
         BatchedReturnMap(Multilegged(), (("betta", 0.8),)).complete({}, 1)
     engine: Any = "gpu"
-    with pytest.raises(ValueError, match="Allowed: auto, kernel, xla"):
+    with pytest.raises(ValueError, match="Allowed: auto, kernel, quick, xla"):
         crossing_of(Multilegged(), Numerics().resolve(Multilegged()), engine)
     with pytest.raises(ValueError, match="did you mean psi_1"):
         BatchedReturnMap(Multilegged()).settled({"psi1": [0.5]}, {}, 0)

@@ -17,10 +17,16 @@ from gaitsweep.analysis.basins.basin_boundaries import (
     uncertainty_exponent,
     uncertainty_fraction,
 )
-from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes
+from gaitsweep.analysis.basins.fractions import LEVEL, fractions, panels_and_axes, proportion_interval
 from gaitsweep.analysis.basins.grid import find_grid
 from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_columns
-from gaitsweep.analysis.records import AnalysisError, require, require_numbers, require_rows
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    outcome_labels,
+    require,
+    require_numbers,
+    require_rows,
+)
 from gaitsweep.status import Status
 
 TAIL = 0.95  # share of the starts of a basin whose convergence is faster than the tail
@@ -66,6 +72,11 @@ def quantifiers(
     if label == "attractor" and label not in table:
         column = follow_attractors(table, parameter, **grouping).column
         table = table.assign(**{label: column.astype(object).to_numpy()})
+    elif grouping:
+        raise AnalysisError(
+            f"{next(iter(grouping))} is an option of the search for attractors, but the outcomes are those "
+            f"of the column {label}: leave it out."
+        )
     require(table, label)
     table, by, axes = panels_and_axes(table, parameter, None)
     scales = scales or {}
@@ -77,7 +88,7 @@ def quantifiers(
         shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
     scales_of_axes = {name: scale for name, scale in scales.items() if name in axes}
     space = Space.of(table, axes, scales_of_axes) if axes else None
-    records = _records(table, parameter, label, shares, space, axes)
+    records = _records(_of_ended_rows(table, label), parameter, label, shares, space, axes, level)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
         quantified["amplification"] = _growths(table, quantified, amplifications)
@@ -117,6 +128,12 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     return table.drop(columns="outcome", errors="ignore").assign(**{label: outcomes})
 
 
+def _of_ended_rows(table: pd.DataFrame, label: str) -> pd.DataFrame:
+    """The table without the labels of rows whose outcome is another, since they failed or did not settle."""
+    labels = table[label].astype(object)
+    return table.assign(**{label: labels.where(outcome_labels(table, label) == labels.astype(str), None)})
+
+
 def _records(
     table: pd.DataFrame,
     parameter: str,
@@ -124,6 +141,7 @@ def _records(
     shares: Mapping[tuple[str, str, str], pd.DataFrame],
     space: Space | None,
     axes: Sequence[str],
+    level: float,
 ) -> list[dict[str, Any]]:
     """The quantifiers of each outcome at each value of the parameter.
 
@@ -133,6 +151,7 @@ def _records(
         shares: the `fractions` of the outcomes, by the columns that they fill (`_SHARE`, `_SHARE_IN_TIME`).
         space: the space of the starts; None if no axis is one of starts.
         axes: the axes of the starts.
+        level: confidence level of the intervals.
     """
     values = table[parameter].to_numpy(float)
     names = table[label].astype(object).to_numpy()
@@ -145,7 +164,9 @@ def _records(
             basin = _rows_of(table, in_basin)
             record: dict[str, Any] = {parameter: value, label: name, "rows": len(basin)}
             for columns, of_outcomes in shares.items():
-                record |= zip(columns, _share(of_outcomes, parameter, value, name), strict=True)
+                none = (0.0, *proportion_interval(0, int(np.count_nonzero(at)), level))
+                share = _share(of_outcomes, parameter, value, name) or none
+                record |= zip(columns, share, strict=True)
             record |= _times(basin)
             if _EXPONENT in table:
                 record["resilience"] = -float(basin[_EXPONENT].to_numpy(float).mean())
@@ -162,10 +183,10 @@ def _rows_of(table: pd.DataFrame, mask: Bool[np.ndarray, " rows"]) -> pd.DataFra
 
 
 def _share(shares: pd.DataFrame, parameter: str, value: float, name: str) -> list[float]:
-    """The share of an outcome at a value of the parameter, and its interval; 0 if it has no record."""
+    """The share of an outcome at a value of the parameter, and its interval; [] if it has no record."""
     mask = (shares[parameter].to_numpy(float) == value) & (shares["outcome"].astype(str).to_numpy() == name)
     numbers = _rows_of(shares, mask)[list(_SHARE)].to_numpy(float)
-    return numbers[0].tolist() if len(numbers) else [0.0] * len(_SHARE)
+    return numbers[0].tolist() if len(numbers) else []
 
 
 def _times(basin: pd.DataFrame) -> dict[str, float]:
@@ -185,7 +206,7 @@ def _times(basin: pd.DataFrame) -> dict[str, float]:
 def _boundaries(
     table: pd.DataFrame, axes: Sequence[str], labels: Shaped[np.ndarray, " rows"]
 ) -> dict[str, dict[str, float]]:
-    """The exponent of the boundary of each outcome, and how much of it all others share, by its name."""
+    """The exponent of the boundary of each outcome, and the least share of it that another one is near."""
     grid = find_grid(table, axes)
     if grid is None:
         return {}
@@ -215,4 +236,6 @@ def _least_shock(space: Space, basin: pd.DataFrame, others: pd.DataFrame, axes: 
     states = np.concatenate([space.points(basin, names) for names in crossing_columns(basin, last)])
     starts = space.points(others, list(axes))
     states, starts = (points[np.isfinite(points).all(axis=1)] for points in (states, starts))
-    return float(space.nearest_distance(states, starts).min(initial=np.inf)) if len(starts) else float("nan")
+    if not (len(states) and len(starts)):
+        return float("nan")
+    return float(space.nearest_distance(states, starts).min())

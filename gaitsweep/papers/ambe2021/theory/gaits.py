@@ -152,8 +152,9 @@ class GaitOfState(NamedTuple):
 def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> GaitOfState:
     """The gait of a state on section 1: that of the nearest analytic solution on the torus.
 
-    It is `locked` if two neighbouring legs are in phase and psi is nearer to that than to any solution;
-    `none` if psi is farther than `NONE_BEYOND` from all solutions, or NaN.
+    It is `locked` if psi is within `LOCKED_WITHIN` of the locked state (of two neighbouring legs in phase
+    where there are not three springs), and nearer to that than to any solution; else it is `none` if psi is
+    farther than `NONE_BEYOND` from all solutions, or NaN.
 
     Args:
         N: springs; the chain has N + 1 legs.

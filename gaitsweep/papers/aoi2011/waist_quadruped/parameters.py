@@ -118,16 +118,24 @@ def _desired_lead(i: int, j: int, default: float | str) -> Quantity:
     )  # fmt: skip
 
 
-def _of_bodies(name: str, unit: str, meaning: str, both: str, symbol: str) -> tuple[Quantity, ...]:
+def _of_bodies(
+    name: str, unit: str, meaning: str, both: str, symbol: str, source: str = _TABLE_1
+) -> tuple[Quantity, ...]:
     """A quantity of the front and of the rear body, by default the parameter `both`."""
     return tuple(
         _positive(f"{body}_{name}", unit, f"{meaning} of the {body} body", both,
-                  f"{symbol}_\\mathrm{{{body[0].upper()}B}}", _TABLE_1)
+                  f"{symbol}_\\mathrm{{{body[0].upper()}B}}", source)
         for body in ("front", "rear")
     )  # fmt: skip
 
 
-def _flag(name: str, meaning: str, default: float, symbol: str) -> Quantity:
+def _flag(name: str, meaning: str, default: float, symbol: str, source: str = "") -> Quantity:
+    """A choice between 0 and 1."""
+    return Quantity(name, "1", meaning, default, low=0.0, high=1.0, symbol=symbol, source=source, whole=True)
+
+
+def _share(name: str, meaning: str, default: float, symbol: str) -> Quantity:
+    """A number from 0 to 1."""
     return Quantity(name, "1", meaning, default, low=0.0, high=1.0, symbol=symbol)
 
 
@@ -156,7 +164,7 @@ def _gait(name: str, centre: float, width: float) -> tuple[Quantity, Quantity]:
 # Where hips and the waist's axis are not level with the centres of mass.
 HEIGHTS = (
     _positive("body_height", "m", "height of each body", 0.05, "h_B", _SEARCH),
-    *_of_bodies("height", "m", "height", "body_height", "h"),
+    *_of_bodies("height", "m", "height", "body_height", "h", _SEARCH),
     *(
         Quantity(f"{body}_hip_z", "m", f"hips above the centre of mass of the {body} body", default,
                  symbol=rf"z_\mathrm{{hip,{body[0].upper()}B}}", source=_SEARCH)
@@ -186,12 +194,11 @@ PARAMETERS = (
     _desired_lead(1, 4, "delta_star_13 + delta_star_34"),
     _desired_lead(2, 3, "delta_star_13 - delta_star_12"),
     _desired_lead(2, 4, "delta_star_13 - delta_star_12 + delta_star_34"),
-    Quantity("resetting", "1", "1: phases are reset at landing; 0: they are not", 1.0, low=0.0, high=1.0,
-             symbol="r", source="Aoi 2011, eq. (7)"),
+    _flag("resetting", "1: phases are reset at landing; 0: they are not", 1.0, "r", "Aoi 2011, eq. (7)"),
     Quantity("gate", "1", "share of the swing's phase after which a touchdown is a landing", 0.5, low=0.0,
              high=1.0, open_ends=True, symbol="s_g", source=_SEARCH),
     _flag("late_reset", "1: landings after phi_AEP reset the phase too; 0: they do not", 1.0, "r_+"),
-    _flag("landing_actual", "beginning of the stance line: desired foot (0), actual foot (1), between", 0.0,
+    _share("landing_actual", "beginning of the stance line: desired foot (0), actual foot (1), between", 0.0,
           "l"),
     _positive("kappa_1", "N m/rad", "stiffness of the hips", 16.3, r"\kappa_1", _SEARCH),
     _positive("sigma_1", "N m s/rad", "damping of the hips", 0.125, r"\sigma_1", _SEARCH),
@@ -201,7 +208,7 @@ PARAMETERS = (
     _positive("D_TL", "N s/m", "damper of the ground under a foot", 175.0, r"D_\mathrm{TL}", _SEARCH),
     _positive("K_N", "N/m", "spring of the ground, vertical", "K_TL", r"K_\mathrm{N}", _SEARCH),
     _positive("D_N", "N s/m", "damper of the ground, vertical", "D_TL", r"D_\mathrm{N}", _SEARCH),
-    _flag("D_rising", "share of the vertical damper that acts while a foot on the ground rises", 1.0, "d_+"),
+    _share("D_rising", "share of the vertical damper that acts while a foot on the ground rises", 1.0, "d_+"),
     _flag("clamp", "1: the ground cannot pull; 0: eq. (A8) exactly", 0.0, "c"),
     _flag("anchor_kept", "1: a foot that bounces in stance is held where it was; 0: anew", 0.0, "a"),
     _positive("H", "m", "depth of the extreme positions below the hip", 0.133, "H", _SEARCH),
