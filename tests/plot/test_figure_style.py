@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -19,6 +20,7 @@ from matplotlib.figure import Figure
 import gaitsweep as gs
 from gaitsweep import plot
 from gaitsweep.cli import main
+from gaitsweep.plot.arguments import fields_of
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
@@ -31,6 +33,7 @@ from tests.support.hysteresis_tables import map_table, staircase_table
 from tests.support.plot_tables import legend_texts, rendered, settle_table
 from tests.support.text_boxes import text_problems
 
+LABELS = {"walk": "W"}
 BASIN = {"x": "psi_1", "y": "psi_2", "panels": "psi_3"}
 JOB: dict[str, Any] = {
     "name": "styled",
@@ -513,3 +516,15 @@ def test_angles_as_multiples_of_pi() -> None:
     angle_ticks(axes, "x")
     rendered(figure)
     assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]
+
+
+def test_a_mapping_that_a_figure_takes_keeps_its_default() -> None:
+    def draw(
+        table: pd.DataFrame, *, labels: Annotated[Mapping[str, str], "labels of gaits"] = LABELS
+    ) -> None:
+        del table, labels
+
+    _, field = fields_of(draw)["labels"]
+    first, second = field.get_default(call_default_factory=True), field.get_default(call_default_factory=True)
+    assert first == second == LABELS
+    assert first is not second
