@@ -316,19 +316,26 @@ def _add_mislabelled(
 def add_uneven_strides(
     uneven: dict[str, dict[str, Any]], part: pd.DataFrame, feet: Mapping[str, str]
 ) -> None:
-    """Add the rows of a part on which a foot lands more than once a stride.
+    """Add the rows of a part on which a foot lands more than once a stride, whose gait is none.
 
-    Their gait is none, and the last stride of that foot is shorter than its last stance, of which its duty
-    factor is NaN, or, on an orbit of one crossing, than the stride of another foot. `contact` are the
-    shortest and the longest of its last contacts, s.
+    The last stride of such a foot is shorter than its last stance, so that its duty factor is NaN; or, on an
+    orbit of one crossing, it is the shortest of strides that differ. Each row counts for one foot.
+
+    Args:
+        uneven: by foot, the number of such rows, the first of them, and the shortest and the longest of the
+            foot's last contacts (s), as `contact`; it is extended.
+        part: records of a table.
+        feet: the foot of each column of strides.
     """
     rows, columns = _ended_without_gait(part, feet)
     rows = rows[rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
     of_one_crossing = _are_settled(rows) & (rows["attractor_period"] == 1).to_numpy(bool)
     several = _are_settled(rows) & ~of_one_crossing
-    repeated = (of_one_crossing & _are_uneven(strides)) | (~several & _lands_within(rows, columns))
-    shortest = np.argmin(strides, axis=1)
+    land_within = ~several[:, None] & _land_within(rows, columns)
+    has_such = land_within.any(axis=1)
+    repeated = has_such | (of_one_crossing & _are_uneven(strides))
+    shortest = np.argmin(np.where(land_within | ~has_such[:, None], strides, np.inf), axis=1)
     for k, column in enumerate(columns):
         is_short = (shortest == k) & repeated
         if not is_short.any():
@@ -354,7 +361,7 @@ def add_without_gait(
     settled = _are_settled(rows)
     no_stride = np.isnan(strides).any(axis=1)
     uneven = ~no_stride & _are_uneven(strides)
-    within = _lands_within(rows, columns)
+    within = _land_within(rows, columns).any(axis=1)
     masks = {
         NO_STRIDE: settled & no_stride,
         SEVERAL: settled & uneven & (rows["attractor_period"] != 1).to_numpy(bool),
@@ -446,11 +453,11 @@ def _are_uneven(strides: Float[np.ndarray, "rows feet"]) -> Bool[np.ndarray, " r
     return strides.min(axis=1, initial=np.inf) < (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0)
 
 
-def _lands_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
-    """Mask of rows in which the last stance of a foot is longer than its last stride."""
+def _land_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, "rows feet"]:
+    """Mask of feet whose last stance is longer than their last stride."""
     duties = rows[[_duty_of(column) for column in columns]].to_numpy(float)
     strides = rows[list(columns)].to_numpy(float)
-    return np.any(np.isnan(duties) & ~np.isnan(strides), axis=1)
+    return np.isnan(duties) & ~np.isnan(strides)
 
 
 def _are_settled(rows: pd.DataFrame) -> Bool[np.ndarray, " rows"]:

@@ -383,6 +383,11 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
         stride_1_end=0.18, stride_2_end=0.18, duty_1_end=np.nan, duty_2_end=np.nan
     )
     uneven, reasons = {}, {}
+    # of two nearly equal strides that of the foot that bounces counts
+    of_right = bouncing.assign(stride_2_end=0.1801, duty_1_end=0.6)
+    add_uneven_strides(uneven, of_right, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert list(uneven) == ["R"]
+    uneven = {}
     add_uneven_strides(uneven, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
     add_without_gait(reasons, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
     assert uneven == {"L": {"rows": 1, "row": 3, "contact": []}}
