@@ -88,7 +88,6 @@ class SelfCheck:
             first crossings.
         worst: name and unit of the observable with the largest change relative to its size.
         finer: the finer steps, in words.
-        verdict: passed, warned or off.
     """
 
     rows: int
@@ -105,7 +104,6 @@ class SelfCheck:
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
     finer: str = "half the step"
-    verdict: str = "passed"
     _worst_share: float = -1.0
 
     def record_changes(

@@ -92,8 +92,8 @@ def write_movie(
         )
     times = start + np.arange(count) * (speed / fps)
     with (
-        _prepared(motion, times, _pace(speed), renderer, lift, on_message) as (clip, scene),
-        contextlib.closing(animation.frames(clip, size, scene)) as frames,
+        _prepared(motion, times, _pace(speed), renderer, lift, on_message) as (clip, draw_body),
+        contextlib.closing(animation.frames(clip, size, draw_body)) as frames,
     ):
         colours = [*limb_colours(clip.skeleton.limbs), side_view.SWING]
         with _writing(target, own=out is None):
@@ -147,8 +147,8 @@ def write_still(
     at = max(float(motion.t[0]), float(motion.t[-1]) - motion.cycle) if at is None else at
     end = _end(motion, at, motion.cycle, on_message)
     times = np.linspace(at, end, _POSES, endpoint=False)
-    with _prepared(motion, times, "", renderer, lift, on_message) as (clip, scene):
-        figure = animation.still(clip, size, scene)
+    with _prepared(motion, times, "", renderer, lift, on_message) as (clip, draw_body):
+        figure = animation.still(clip, size, draw_body)
     with _writing(target, own=out is None):
         replace_file(target, lambda file: figure.savefig(file, format="png", dpi=figure.dpi))
     return target
@@ -194,12 +194,12 @@ def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnM
         return last
     # the last sample of a part lies up to a sample before its end
     if start + seconds > last + 1.01 * float(motion.t[-1] - motion.t[-2]) and on_message is not None:
-        on_message(f"The trace, and with it the movie, ends at {last:g} s.")
+        on_message(f"The motion of the row, and with it the figure, ends at {last:g} s.")
     return min(start + seconds, last)
 
 
 def usual_speed(period: float) -> float:
-    """A round speed at which the eye can follow a cycle (s)."""
+    """A round speed, relative to real time, at which the eye can follow cycles of this nominal period (s)."""
     digits = np.array([1.0, 2.0, 2.5, 5.0])
     speeds = (digits * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
     return float(speeds[np.abs(np.log(speeds) - np.log(period / _CYCLE_TIME)).argmin()])
@@ -224,7 +224,8 @@ def _prepared(
     """A context with the clip at some times (s), and the function that draws the body.
 
     Raises:
-        PlotError: the model has no skeleton of the row, or one that cannot be drawn.
+        PlotError: the model has no skeleton of the row, or one that cannot be drawn; or MuJoCo, which does
+            not have it, would draw uneven ground.
     """
     signals = motion.at(times)
     skeleton = motion.model.skeleton(motion.values, signals)

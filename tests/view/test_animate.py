@@ -244,7 +244,7 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
         assert movie._end(motion, t[0], seconds, told.append) == pytest.approx(4856.8, abs=every)
     assert told == []
     movie._end(motion, t[0], 4.0, told.append)
-    assert told == ["The trace, and with it the movie, ends at 4856.8 s."]
+    assert told == ["The motion of the row, and with it the figure, ends at 4856.8 s."]
 
 
 @pytest.mark.parametrize(

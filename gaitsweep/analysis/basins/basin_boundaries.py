@@ -97,9 +97,10 @@ def uncertainty_fraction(
 ) -> Uncertainty:
     """The fraction f(eps) of starts of which a neighbour at a distance of eps has a different outcome.
 
-    A start is compared with its two neighbours at +eps and -eps along one axis, and f is the mean over axes.
-    What lies between the neighbours does not enter, so f is free of bias at any eps, one step included. All
-    sizes share the same starts: those at least the largest size from both ends of an axis that does not wrap.
+    A start is compared with its two neighbours at +eps and -eps along one axis, and f is the share of all
+    such comparisons, over all axes. What lies between the neighbours does not enter, so f is free of bias at
+    any eps, one step included. All sizes share the same starts: those at least the largest size from both
+    ends of an axis that does not wrap.
 
     Args:
         grid: the grid.
@@ -239,7 +240,8 @@ def wada(
 ) -> pd.DataFrame:
     """Test whether the basins of a table have the Wada property, by merging.
 
-    The test is no proof: a boundary that parts company below the distance of two starts passes.
+    The property is one of three basins or more: with two outcomes each has the boundary of the other. The
+    test is no proof: boundaries that differ by less than the distance of two starts pass.
 
     Args:
         table: a settle table of which the starts of each panel form a grid.
