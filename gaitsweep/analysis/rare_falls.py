@@ -49,7 +49,7 @@ class TooFewFallsError(AnalysisError):
 class RareFalls:
     """The chance of a fall in a step, and the most likely way to it.
 
-    Attributes:
+    Args:
         chance, low, high: the chance of a fall in a step, and its confidence interval; steps that end neither
             at a crossing nor by a fall count as falls in `high`.
         falls: the number of falls behind it.
