@@ -117,7 +117,7 @@ def unstable_rests(
     not_reproduced = suspects.iloc[np.flatnonzero(~same)]
     suspects = suspects.iloc[np.flatnonzero(same)]
     if suspects.empty:
-        return not_reproduced.drop_duplicates("row")
+        return _first_of_rows(not_reproduced)
 
     moving = context.job.run.moved
     following = context.design.following(moving) if moving is not None else {}
@@ -133,8 +133,12 @@ def unstable_rests(
     points = _points(mapping, values, states, follow, deciding, at_section=at_section)
     displaced = _DisplacedStates(mapping, follow, points, values, suspects, smooth=not in_fixed_steps)
     leaves = displaced.follow(budget, on_progress)
-    unstable = pd.concat([not_reproduced, suspects.iloc[np.flatnonzero(leaves)]])
-    return unstable.sort_values(["row", "sample"]).drop_duplicates("row")
+    return _first_of_rows(pd.concat([not_reproduced, suspects.iloc[np.flatnonzero(leaves)]]))
+
+
+def _first_of_rows(records: pd.DataFrame) -> pd.DataFrame:
+    """The record of each row with the least number there."""
+    return records.sort_values(["row", "sample"]).drop_duplicates("row")
 
 
 def _suspects(
