@@ -90,13 +90,15 @@ class CudaLanes(KernelLanes):
         width = self._entries.shape[1]
         opened = self.opened(params, starts, lanes)
         entries = self._entries.host(count * width).reshape(count, width)
-        head = np.stack([lanes, opened.keeps], axis=1)
-        entries[:] = np.concatenate([head, opened.slots, opened.samples], axis=1)
+        places = np.cumsum([gpu_program.ENTRY_HEAD, opened.slots.shape[1]])
+        entries[:, 0] = lanes
+        entries[:, 1] = opened.keeps
+        entries[:, places[0] : places[1]] = opened.slots
+        entries[:, places[1] :] = opened.samples
         self._entries.to_card(entries.size)
         self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
         self._under_way |= fresh
-        first = gpu_program.ENTRY_HEAD
-        if self._uniform.differs(entries[:, first : first + self.chunk.first_of_carry]):
+        if self._uniform.differs(opened.slots[:, : self.chunk.first_of_carry]):
             n_slots = self.chunk.n_slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, int(lanes[0]), self._output)
             slots = self._output.from_card(n_slots)
@@ -131,7 +133,8 @@ class CudaLanes(KernelLanes):
         places = {slot: place for place, slot in enumerate(self._read_slots)}
 
         def read(slots: slice) -> Float[np.ndarray, "slots lanes"]:
-            return values[[places[slot] for slot in range(slots.start, slots.stop)]]
+            first = places.get(slots.start, 0)  # a leaf without slots has no place
+            return values[first : first + slots.stop - slots.start]
 
         output = self.output(read)
         self._under_way = output.numbers["status"] == Status.running

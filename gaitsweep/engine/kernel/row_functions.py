@@ -86,13 +86,7 @@ def over_rows(
         with lock:  # groups of lanes open their first rows at the same time
             if key not in programs:
                 programs[key] = compiled(row, key)
-        outputs = []
-        for first in range(0, max(len(_leaves(columns)[0]), 1), _ROWS_AT_A_TIME):
-            rows = slice(first, first + _ROWS_AT_A_TIME)
-            outputs.append(programs[key](*_mapped(lambda column, rows=rows: column[rows], columns)))
-        if len(outputs) == 1:
-            return outputs[0]
-        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *outputs)
+        return programs[key](*columns)
 
     return of_rows
 
@@ -102,8 +96,14 @@ def _by_xla(function: Callable[..., Any], *, all_rows: bool) -> Callable[..., An
     compiled = jax.jit(jax.vmap(function), compiler_options={} if all_rows else UNOPTIMISED)
 
     def of_rows(*trees: Any) -> Any:
-        with jax.default_device(host_device()):
-            return jax.device_get(compiled(*trees))
+        outputs = []
+        for first in range(0, max(len(_leaves(trees)[0]), 1), _ROWS_AT_A_TIME):
+            rows = slice(first, first + _ROWS_AT_A_TIME)
+            with jax.default_device(host_device()):
+                outputs.append(
+                    jax.device_get(compiled(*jax.tree.map(lambda leaf, rows=rows: leaf[rows], trees)))
+                )
+        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *outputs)
 
     return of_rows
 
@@ -129,8 +129,7 @@ def _traced_kernel(traced: TracedFunction) -> tuple[Any, Any, Any]:
 def _by_numpy(operations: list[Any], outputs: list[int], arrays: Any, results: Any) -> Callable[..., Any]:
     """The function of rows that a program of `_traced_operations` computes."""
 
-    def of_rows(*trees: Any) -> Any:
-        columns = _columns(trees)
+    def of_rows(columns: list[np.ndarray], numbers: Float[np.ndarray, "rows numbers"]) -> None:
         values: list[Any] = []
         with np.errstate(all="ignore"):
             for op, operands in operations:
@@ -141,20 +140,30 @@ def _by_numpy(operations: list[Any], outputs: list[int], arrays: Any, results: A
                 else:
                     evaluate = _OF_ARRAYS.get(op, OPERATIONS[op].evaluate)
                     values.append(evaluate(*(values[argument] for argument in operands)))
-        numbers = np.empty((len(columns[0]), len(outputs)))
         for i, at in enumerate(outputs):
             numbers[:, i] = values[at]
-        return _arrays(numbers, arrays, results)
 
-    return of_rows
+    return lambda *trees: _arrays(_in_parts(of_rows, _columns(trees), len(outputs)), arrays, results)
 
 
 def _by_kernel(kernel: Any, arrays: Any, results: Any) -> Callable[..., Any]:
     """The function of rows that a kernel of `_traced_kernel` computes."""
     from gaitsweep.engine.kernel.row_kernel import RowKernel, running
 
-    run = running(RowKernel(*kernel))
-    return lambda *trees: _arrays(run(_columns(trees)), arrays, results)
+    kernel = RowKernel(*kernel)
+    run = running(kernel)
+    return lambda *trees: _arrays(_in_parts(run, _columns(trees), kernel.outputs), arrays, results)
+
+
+def _in_parts(
+    of_rows: Callable[[list[np.ndarray], np.ndarray], None], columns: list[np.ndarray], outputs: int
+) -> Float[np.ndarray, "rows outputs"]:
+    """The outputs of rows, of which `of_rows(columns, numbers)` computes some at a time."""
+    numbers = np.empty((len(columns[0]), outputs))
+    for first in range(0, len(numbers), _ROWS_AT_A_TIME):
+        rows = slice(first, first + _ROWS_AT_A_TIME)
+        of_rows([column[rows] for column in columns], numbers[rows])
+    return numbers
 
 
 def _columns(trees: Any) -> list[np.ndarray]:
@@ -174,7 +183,7 @@ def _arrays(numbers: Float[np.ndarray, "rows numbers"], arrays: Any, results: An
         size, shape, dtype = arrays[place]
         of_array = numbers[:, firsts[place] : firsts[place] + size]
         with np.errstate(invalid="ignore"):  # a whole number of a row that failed
-            return of_array.astype(dtype).reshape(len(numbers), *shape)
+            return of_array.astype(dtype, copy=False).reshape(len(numbers), *shape)
 
     return _mapped(array, results)
 

@@ -17,6 +17,7 @@ from gaitsweep.engine.kernel.source import PYTHON, statements
 from gaitsweep.engine.kernel.trace import TracedFunction
 
 Columns = Sequence[Float[np.ndarray, " rows"]]
+Outputs = Float[np.ndarray, "rows outputs"]
 
 
 class RowKernel(NamedTuple):
@@ -45,20 +46,25 @@ def row_kernel(traced: TracedFunction) -> RowKernel:
     return RowKernel(f"def of_tile(s):\n{body}\n", len(inputs), len(outputs))
 
 
-def running(kernel: RowKernel) -> Callable[[Columns], Float[np.ndarray, "rows outputs"]]:
-    """The function of many rows: from a column for each input to the outputs of each row."""
+def running(kernel: RowKernel) -> Callable[[Columns, Outputs], None]:
+    """The function `(columns, numbers)` of some rows: from a column for each input it sets their outputs."""
     source = kernel.source
-    size = kernel.inputs + kernel.outputs
+    inputs = kernel.inputs
+    size = inputs + kernel.outputs
     run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
 
-    def of_rows(columns: Columns) -> Float[np.ndarray, "rows outputs"]:
-        rows = len(columns[0])
+    def of_rows(columns: Columns, numbers: Outputs) -> None:
+        rows = len(numbers)
         tiles = -(-rows // TILE)
-        room = np.zeros((size, tiles * TILE))
-        room[: kernel.inputs, :rows] = columns
-        tiled = np.ascontiguousarray(room.reshape(size, tiles, TILE).transpose(1, 0, 2))
+        of_tiles = np.zeros((inputs, tiles * TILE))
+        of_tiles[:, :rows] = columns
+        tiled = np.empty((tiles, size, TILE))
+        tiled[:, :inputs] = of_tiles.reshape(inputs, tiles, TILE).transpose(1, 0, 2)
         run(tiled.ctypes.data, tiles)
-        return tiled[:, kernel.inputs :].transpose(0, 2, 1).reshape(tiles * TILE, kernel.outputs)[:rows]
+        outputs = tiled[:, inputs:].transpose(0, 2, 1)
+        in_full_tiles = rows // TILE * TILE
+        numbers[:in_full_tiles].reshape(-1, TILE, kernel.outputs)[:] = outputs[: rows // TILE]
+        numbers[in_full_tiles:] = outputs[-1, : rows - in_full_tiles]
 
     return of_rows
 
