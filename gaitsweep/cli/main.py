@@ -56,6 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with lazy_packages(), warnings.catch_warnings():
             warnings.showwarning = _shown_as_sentence(warnings.showwarning)
             keep_compiled_programs()
+            keep_other_work_on_host()
             code = app(args=arguments, prog_name="gaitsweep", standalone_mode=False)
             sys.stdout.flush()
     except KeyboardInterrupt as stop:
@@ -139,3 +140,14 @@ def keep_compiled_programs() -> None:
     # programs only: no choices that XLA makes by timing
     os.environ.setdefault("JAX_PERSISTENT_CACHE_ENABLE_XLA_CACHES", "none")
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
+
+
+def keep_other_work_on_host() -> None:
+    """Make the CPU JAX's default device, for what is computed beside rows: figures, analyses, solutions.
+
+    Rows run on the devices of their run. A GPU takes seconds to begin, and little time of a few small
+    programs. Nothing is set if JAX has been imported or may not use the CPU (JAX_PLATFORMS=cuda).
+    """
+    platforms = os.environ.get("JAX_PLATFORMS") or "cpu"
+    if "jax" not in sys.modules and "cpu" in platforms.split(","):
+        os.environ.setdefault("JAX_DEFAULT_DEVICE", "cpu")

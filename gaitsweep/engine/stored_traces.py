@@ -29,7 +29,7 @@ from gaitsweep.engine.content import cached_by_content, lasting_content
 from gaitsweep.lazy_imports import jax_settings, jax_version
 
 # settings of JAX that change no trace
-_WITHOUT_EFFECT = ("cache", "devices", "platforms", "log", "traceback")
+_WITHOUT_EFFECT = ("cache", "device", "platforms", "log", "traceback")
 
 
 def stored(name: str, model: Model, others: tuple[Any, ...], compute: Callable[[], Any]) -> Any:

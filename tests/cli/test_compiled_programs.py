@@ -1,4 +1,4 @@
-"""XLA's programs are kept on disk: they give the same bits, and a bad folder or entry harms nothing."""
+"""XLA's programs are kept on disk, with the same bits, and work beside rows is the CPU's."""
 
 from __future__ import annotations
 
@@ -73,3 +73,13 @@ def test_the_users_own_folder_is_used(warm: tuple[Path, str], tmp_path: Path) ->
     assert _run(ours, JAX_COMPILATION_CACHE_DIR=str(own)) == warm[1]
     assert own.exists()
     assert not _programs(ours)
+
+
+@pytest.mark.parametrize(("platforms", "device"), [("", "cpu"), ("cuda,cpu", "cpu"), ("cuda", None)])
+def test_the_cpu_computes_what_is_beside_rows(platforms: str, device: str | None) -> None:
+    script = "import os; from gaitsweep.cli.main import keep_other_work_on_host as keep; keep(); "
+    script += "print(os.environ.get('JAX_DEFAULT_DEVICE'))"
+    clean = {name: value for name, value in os.environ.items() if name != "JAX_DEFAULT_DEVICE"}
+    environment = {**clean, "JAX_PLATFORMS": platforms}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, check=True)
+    assert done.stdout.decode().split() == [str(device)]
