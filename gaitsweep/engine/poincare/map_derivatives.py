@@ -28,6 +28,7 @@ from gaitsweep.engine.poincare.maps import (
     Points,
     Values,
 )
+from gaitsweep.errors import ArgumentError
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
@@ -70,7 +71,12 @@ def in_batches(
         points: the points, one at least.
         parameters: parameters by name, (n,) each.
         sizes: the sizes of batches for which the program is compiled, the largest last.
+
+    Raises:
+        ArgumentError: there are no points.
     """
+    if not len(points):
+        raise ArgumentError("A map is evaluated at no points, but needs one point or more.")
     batches = []
     for first in range(0, len(points), sizes[-1]):
         count = min(sizes[-1], len(points) - first)
