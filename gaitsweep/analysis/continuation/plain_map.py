@@ -39,6 +39,11 @@ class PlainMap(FollowedMap):
     symmetries: tuple[tuple[str, Callable[..., Coordinates]], ...] = ()
 
     @property
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """Its functions, whose content decides the programs (`cached_by_content`)."""
+        return self.function, *(function for _, function in (*self.invariants, *self.symmetries))
+
+    @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", name, circular=name in self.angles) for name in self.names)
 

@@ -259,6 +259,11 @@ class DerivedMap(Map):
         return getattr(self.base, "model", None)
 
     @property
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """The functions of a map without a model, which decide the programs likewise."""
+        return getattr(self.base, "functions", ())
+
+    @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return self.base.coordinates
 
