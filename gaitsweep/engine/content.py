@@ -1,4 +1,4 @@
-"""The content of models, their code and data, and caches in a process that are keyed on it.
+"""The content of models and functions, their code and data, and caches in a process that are keyed on it.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would

@@ -246,6 +246,10 @@ def test_refusals() -> None:
     u1 = SADDLE.points([[1.0, 0.0]] * 2)
     with pytest.raises(ValueError, match="both must have the same number"):
         edge_states(SADDLE, u1, u1[:1], {})
+    with pytest.raises(ValueError, match="bent is not a parameter of the map; did you mean bend"):
+        edge_states(SADDLE, u1, u1, {"bent": 0.1})
+    with pytest.raises(ValueError, match="bend has 3 values, but there are 2 points"):
+        edge_states(SADDLE, u1, u1, {"bend": [0.1, 0.2, 0.3]})
     with pytest.raises(ValueError, match="resolution of float64"):
         EdgeLimits(bisection_distance=1e-15)
     with pytest.raises(ValueError, match="residual_tolerance is -1, but must be above 0"):

@@ -347,6 +347,14 @@ class IteratedMap(DerivedMap):
         return total
 
 
+def column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
+    """A number, or one for each of n points, as a column (n,); raises ArgumentError for other lengths."""
+    column = np.asarray(value, np.float64)
+    if column.shape not in ((), (1,), (n,)):
+        raise ArgumentError(f"{name} has {column.size} values, but there are {n} points.")
+    return np.broadcast_to(column, (n,)).copy()
+
+
 def sizes(at: ManyCoordinates) -> ManyCoordinates:
     """The scale of each of some coordinates (..., size)."""
     return MIN_SCALE + np.abs(at)
