@@ -148,6 +148,27 @@ def test_inverse_kinematics_put_the_foot_on_its_path(side: str) -> None:
         assert low - 1e-9 < knee < high + 1e-9
 
 
+@pytest.mark.parametrize(
+    ("pairs", "stance"),
+    [
+        ([], "0101"),
+        (["12", "34"], "0101"),
+        (["13", "24"], "0110"),
+        (["12", "24", "34", "13"], "0110"),
+        (["14"], "0101"),
+        (["12", "23", "13"], "0111"),
+    ],
+)
+def test_legs_that_inhibit_each_other_begin_in_turn(pairs: list[str], stance: str) -> None:
+    """A leg in stance has an active extensor. In a ring of three legs two of a pair begin alike."""
+    fields = {"kind": "matsuoka", "rise": 0.05, "adaptation": 0.5, "inhibited": [[*pair] for pair in pairs]}
+    starts = MatsuokaOscillators.model_validate(fields).declarations("1234")["u"].start
+    assert (
+        "".join(str(int(extensor > flexor)) for extensor, flexor in zip(starts[:4], starts[4:], strict=True))
+        == stance
+    )
+
+
 def test_a_foot_is_on_its_path_with_the_lengths_and_places_of_a_row(tmp_path: Path) -> None:
     """MuJoCo's own kinematics of these lengths; the knee is above the origin of its body."""
     body = (WALKERS / "quadruped.xml").read_text()

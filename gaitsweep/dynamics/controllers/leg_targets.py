@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from gaitsweep.dynamics.declarations import parameter
+from gaitsweep.dynamics.declarations import parameter, wrapped_about_zero
 from gaitsweep.dynamics.mjcf import hinges_and_slides, is_position_servo, keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
@@ -147,8 +147,7 @@ class TwoLinkLeg:
         turn = self.bend * jnp.arccos(jnp.clip(cosine, -_STRAIGHT, _STRAIGHT))  # from thigh to shin
         angle_a = jnp.arctan2(a[1], a[0])
         reach = jnp.arctan2(long_b * jnp.sin(turn), long_a + long_b * jnp.cos(turn))
-        hip = angle_a + reach - jnp.arctan2(z, x)
-        hip = hip - 2.0 * jnp.pi * jnp.round(hip / (2.0 * jnp.pi))
+        hip = wrapped_about_zero(angle_a + reach - jnp.arctan2(z, x))
         return self.turns[0] * hip, self.turns[1] * (between - turn)
 
 
