@@ -424,7 +424,12 @@ def test_a_return_whose_period_is_not_finite_ends_at_once(T_squared: float, stat
 
 @pytest.mark.parametrize(
     ("end", "status"),
-    [({"attempts": 10**7}, "step_limit"), ({"chain": 10**3}, "stalled"), ({"halt": Halt.TIME}, "late")],
+    [
+        ({"attempts": 10**7}, "step_limit"),
+        ({"attempts": 10**7, "halt": Halt.FELL}, "fell"),
+        ({"chain": 10**3, "halt": Halt.FELL}, "stalled"),
+        ({"halt": Halt.TIME}, "late"),
+    ],
 )
 def test_a_return_without_a_crossing_has_the_status_of_its_one_cause(end: Any, status: str) -> None:
     model = Clock()

@@ -219,8 +219,9 @@ class PoincareReturn:
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
         status = jnp.where(self._is_over_limit(trajectory), ReturnStatus.step_limit, ReturnStatus.late)
-        status = jnp.where(is_stalled(self.model, carry), ReturnStatus.stalled, status)
         status = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, status)
+        # a stalled trajectory halts as one that fell
+        status = jnp.where(is_stalled(self.model, carry), ReturnStatus.stalled, status)
         status = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, status)
         return jnp.where(sound, status, ReturnStatus.lost).astype(jnp.int32)
 
