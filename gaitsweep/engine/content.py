@@ -341,7 +341,7 @@ def _sources(argument: Any) -> Iterable[Model | Callable[..., Any]]:
     model = getattr(argument, "model", argument)
     if isinstance(model, Model):
         return (model,)
-    return (argument,) if callable(argument) else getattr(argument, "functions", ())
+    return (argument,) if isinstance(argument, types.FunctionType) else getattr(argument, "functions", ())
 
 
 def content_of(model: Model | Callable[..., Any]) -> str:

@@ -210,6 +210,19 @@ def test_a_map_made_of_another_one_has_the_content_of_its_model(monkeypatch: pyt
     assert compiled(mapping) == 4.0
 
 
+def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    @cached_by_content(maxsize=8)
+    def compiled(draws: Callable[[], float]) -> float:
+        return draws()
+
+    def gain() -> float:
+        return GAIN
+
+    assert compiled(gain) == 1.0
+    _global(monkeypatch)
+    assert compiled(gain) == 4.0
+
+
 def test_a_map_given_as_a_function_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
     def stretched(values: Any, x: Any) -> Any:
         return GAIN * x

@@ -27,6 +27,7 @@ from gaitsweep.engine.poincare.maps import (
     MapEvaluation,
     Points,
     Values,
+    column,
 )
 from gaitsweep.errors import ArgumentError
 
@@ -149,7 +150,7 @@ class LevelMap(DerivedMap, FollowedMap):
         return self.base.conserved_values(self._of_base(values), at).at[index].add(-values[self.name])
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        level = np.broadcast_to(np.asarray(values[self.name], np.float64), (n,)).copy()
+        level = column(self.name, values[self.name], n)
         return {**self.base.complete(self._of_base(values), n), self.name: level}
 
     def refined(self) -> LevelMap | None:
