@@ -55,7 +55,7 @@ COLUMNS = {
     "change": ("", "change of the order of events at this point"),
     "left_out": ("1", "branches of the row beyond the largest number"),
     "drawn_starts": ("1", "starts of the search that were drawn for the row"),
-    "stored_point": ("", "point of the section and its tangent"),
+    "stored_point": ("", "point of the section, with its discrete modes"),
     "corrections": ("1", "corrections by Newton's method"),
     "end": ("", "why the branch or curve ends here"),
 }

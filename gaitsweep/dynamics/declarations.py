@@ -26,6 +26,11 @@ def wrapped(phi: Float[Array, " ..."]) -> Float[Array, " ..."]:
     return phi - TWO_PI * jnp.floor(phi / TWO_PI)
 
 
+def wrapped_about_zero(phi: Float[Array, " ..."]) -> Float[Array, " ..."]:
+    """The angle `phi` (rad) wrapped to [-pi, pi]."""
+    return phi - TWO_PI * jnp.round(phi / TWO_PI)
+
+
 def numbered(text: str, number: int) -> str:
     """The text with a number in place of its braces, or at its end."""
     return (text if "{}" in text else f"{text} {{}}").replace("{}", str(number))

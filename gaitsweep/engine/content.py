@@ -1,4 +1,4 @@
-"""The content of models, their code and data, and caches in a process that are keyed on it.
+"""The content of models and functions, their code and data, and caches in a process that are keyed on it.
 
 Two models of one class are equal if their structures are. Between two calls, though, a user may have changed
 a global, an attribute or a method of the class, or a value in a closure, and a program compiled before would
@@ -301,20 +301,20 @@ def is_user_module(module: str) -> bool:
 P = ParamSpec("P")
 T = TypeVar("T")
 
-ModelKey = tuple[str, str, int]  # the module, the name and the hash of a model
+ModelKey = tuple[str, str, int]  # the module and the name of the class of a model, or function, and its hash
 
 # The files that the functions of a model read as they are traced.
 _FILES: dict[ModelKey, set[Path]] = {}
-# The latest content of each model.
+# The latest content of each model and function.
 _LATEST: dict[ModelKey, str] = {}
 # Results that hold while models do not change; None outside of `held_contents`.
 _MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", default=None)
 
 
 def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Cache a function as `functools.lru_cache` does, keyed on the content of models as well.
+    """Cache a function as `functools.lru_cache` does, keyed on the content of models and functions as well.
 
-    The models are those among its arguments, and those that other arguments have as their `model`.
+    They are those among its arguments, and those that other arguments have as `model` or `functions`.
 
     Args:
         maxsize: the largest number of results that are kept.
@@ -327,11 +327,8 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
 
         @functools.wraps(function)
         def call(*args: P.args, **options: P.kwargs) -> T:
-            contents = []
-            for argument in (*args, *options.values()):
-                model = argument if isinstance(argument, Model) else getattr(argument, "model", None)
-                if isinstance(model, Model):
-                    contents.append(content_of(model))
+            arguments = *args, *options.values()
+            contents = [content_of(source) for argument in arguments for source in _sources(argument)]
             return cached(tuple(contents), args, tuple(sorted(options.items())))
 
         return call
@@ -339,8 +336,16 @@ def cached_by_content(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]
     return decorate
 
 
-def content_of(model: Model) -> str:
-    """Compute a digest of the functions of a model: their code, globals, closures and class attributes.
+def _sources(argument: Any) -> Iterable[Model | Callable[..., Any]]:
+    """The models and functions among an argument and its attributes `model` and `functions`."""
+    model = getattr(argument, "model", argument)
+    if isinstance(model, Model):
+        return (model,)
+    return (argument,) if isinstance(argument, types.FunctionType) else getattr(argument, "functions", ())
+
+
+def content_of(model: Model | Callable[..., Any]) -> str:
+    """Compute a digest of the functions of a model, or of one: code, globals, closures and class attributes.
 
     Code of installed packages and of gaitsweep counts by name only. Another process has another digest.
     """
@@ -349,7 +354,6 @@ def content_of(model: Model) -> str:
         return memo[type(model), model]
     reader = _read(model)
     key = _key(model)
-    reader.read(model.data_digest)
     for file in sorted(_FILES.get(key, ())):
         reader.read((str(file), _stamp(file)))
     content = reader.digest.hexdigest()
@@ -428,7 +432,6 @@ def _lasting(model: Model) -> str:
     if module is None or model.host_parameters or simulated:
         return ""
     reader = _read(model)
-    reader.read(model.data_digest)
     if is_user_module(module.__name__):
         sources = modules_beside(module)
         reader.lasting &= bool(sources)
@@ -440,11 +443,15 @@ def _lasting(model: Model) -> str:
     return reader.digest.hexdigest() if reader.lasting else ""
 
 
-def _read(model: Model) -> ContentReader:
-    """A reader that has read the class and the attributes of a model."""
+def _read(model: Model | Callable[..., Any]) -> ContentReader:
+    """A reader that has read the class, the attributes and the data of a model, or a function."""
     reader = ContentReader()
+    if not isinstance(model, Model):
+        reader.read(model)
+        return reader
     reader.read(type(model))
     reader.attributes(model)
+    reader.read(model.data_digest)
     return reader
 
 
@@ -460,5 +467,5 @@ def depends_on(model: Model, files: Iterable[Path]) -> None:
         memo.pop((type(model), model), None)
 
 
-def _key(model: Model) -> ModelKey:
+def _key(model: Model | Callable[..., Any]) -> ModelKey:
     return type(model).__module__, type(model).__qualname__, hash(model)

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Guards, Number, unlikely
-from gaitsweep.engine.solver.methods import euler_update
+from gaitsweep.engine.solver.runge_kutta import euler_update
 
 # A guard may have passed a maximum if the parabola through its values at both ends, with its slope at the
 # beginning, has its maximum within this many steps. The value is above 1, since the maximum of a curve that

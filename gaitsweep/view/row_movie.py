@@ -199,7 +199,12 @@ def _end(motion: RowMotion, start: float, seconds: float | None, on_message: OnM
 
 
 def usual_speed(period: float) -> float:
-    """A round speed, relative to real time, at which the eye can follow cycles of this nominal period (s)."""
+    """A round speed, relative to real time, at which the eye can follow cycles of this nominal period (s).
+
+    It is real time for a period that is no number above 0.
+    """
+    if not 0.0 < period < np.inf:
+        return 1.0
     digits = np.array([1.0, 2.0, 2.5, 5.0])
     speeds = (digits * 10.0 ** np.arange(-9.0, 10.0)[:, None]).ravel()
     return float(speeds[np.abs(np.log(speeds) - np.log(period / _CYCLE_TIME)).argmin()])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
+from gaitsweep.analysis.atlas.branch import point_of, text_of
 from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
@@ -357,3 +359,17 @@ def test_a_rimless_wheel_has_the_multiplier_of_its_impacts() -> None:
     rolls = wheel.fixed_points(wheel.settled({"rate_0": 0.5}, 60))
     assert rolls.converged.all()
     assert wheel.multipliers(rolls)[0, 0] == pytest.approx(np.cos(0.8) ** 2, abs=1e-8)
+
+
+def test_a_stored_point_is_read_again_also_from_an_older_text() -> None:
+    """An older text has the drifts, the parameter and the tangent between the coordinates and the modes."""
+    point = Points(np.array([[0.1, 1.0 / 3.0]]), (np.array([[True, False]]), np.array([2])))
+    text = text_of(SimpleNamespace(points=point))  # pyright: ignore[reportArgumentType]
+    like = Points(np.zeros((1, 2)), (np.zeros((1, 2), bool), np.zeros(1, int)))
+    older = "[[0.1, 0.3333333333333333], [0.5], [0.7], [0.6, 0.8], [true, false], [2]]"
+    for stored in (text, older):
+        read = point_of(stored, like).points
+        np.testing.assert_array_equal(read.at, point.at)
+        np.testing.assert_array_equal(read.modes[0], point.modes[0])
+        np.testing.assert_array_equal(read.modes[1], point.modes[1])
+    assert len(text) < len(older)

@@ -232,10 +232,24 @@ def test_a_model_on_its_section() -> None:
     assert result.table[["label_1", "label_2"]].to_numpy().tolist()[:3] == [[0, 1]] * 3
 
 
+def test_no_pairs_have_no_edge_states() -> None:
+    none = SADDLE.points(np.zeros((0, 2)))
+    for mapper in (None, ProximityMapper(SADDLE, np.eye(2))):
+        result = edge_states(SADDLE, none, none, {"r": []}, mapper=mapper)
+        assert len(result.points) == len(result.outcome) == len(result.table) == 0
+        assert {"r", "u", "w", "outcome"} <= {*result.table}
+    with pytest.raises(ValueError, match="evaluated at no points"):
+        SADDLE.images(none, {})
+
+
 def test_refusals() -> None:
     u1 = SADDLE.points([[1.0, 0.0]] * 2)
     with pytest.raises(ValueError, match="both must have the same number"):
         edge_states(SADDLE, u1, u1[:1], {})
+    with pytest.raises(ValueError, match="bent is not a parameter of the map; did you mean bend"):
+        edge_states(SADDLE, u1, u1, {"bent": 0.1})
+    with pytest.raises(ValueError, match="bend has 3 values, but there are 2 points"):
+        edge_states(SADDLE, u1, u1, {"bend": [0.1, 0.2, 0.3]})
     with pytest.raises(ValueError, match="resolution of float64"):
         EdgeLimits(bisection_distance=1e-15)
     with pytest.raises(ValueError, match="residual_tolerance is -1, but must be above 0"):

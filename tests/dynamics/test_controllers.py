@@ -22,7 +22,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.dynamics.controllers.controlled_body import _Trunk
-from gaitsweep.dynamics.controllers.leg_targets import two_link_leg
+from gaitsweep.dynamics.controllers.leg_targets import FootPath, FootPaths, two_link_leg
 from gaitsweep.dynamics.controllers.model_file import model_of_file
 from gaitsweep.dynamics.controllers.oscillators import (
     HopfOscillators,
@@ -146,6 +146,57 @@ def test_inverse_kinematics_put_the_foot_on_its_path(side: str) -> None:
         np.testing.assert_allclose(place[[0, 2]], [x, z], rtol=0, atol=1e-9)
         low, high = m.joint(leg.knee).range
         assert low - 1e-9 < knee < high + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("pairs", "stance"),
+    [
+        ([], "0101"),
+        (["12", "34"], "0101"),
+        (["13", "24"], "0110"),
+        (["12", "24", "34", "13"], "0110"),
+        (["14"], "0101"),
+        (["12", "23", "13"], "0111"),
+    ],
+)
+def test_legs_that_inhibit_each_other_begin_in_turn(pairs: list[str], stance: str) -> None:
+    """A leg in stance has an active extensor. In a ring of three legs two of a pair begin alike."""
+    fields = {"kind": "matsuoka", "rise": 0.05, "adaptation": 0.5, "inhibited": [[*pair] for pair in pairs]}
+    starts = MatsuokaOscillators.model_validate(fields).declarations("1234")["u"].start
+    assert (
+        "".join(str(int(extensor > flexor)) for extensor, flexor in zip(starts[:4], starts[4:], strict=True))
+        == stance
+    )
+
+
+def test_a_foot_is_on_its_path_with_the_lengths_and_places_of_a_row(tmp_path: Path) -> None:
+    """MuJoCo's own kinematics of these lengths; the knee is above the origin of its body."""
+    body = (WALKERS / "quadruped.xml").read_text()
+    for old, new in (
+        ('<body name="shin_lf" pos="0 0', '<body name="shin_lf" pos=".03 0'),
+        ('<joint name="knee_lf"', '<joint name="knee_lf" pos="0 0 .02"'),
+    ):
+        assert old in body
+        body = body.replace(old, new)
+    (tmp_path / "quadruped.xml").write_text(body)
+    text = (WALKERS / "quadruped.yaml").read_text()
+    (tmp_path / "quadruped.yaml").write_text(text.replace("dynamics: stepped", "dynamics: located"))
+    model: Any = model_of_file(tmp_path / "quadruped.yaml")()
+    row = {"thigh_lf_size": 1.2, "shin_lf_size": 0.9, "shin_lf_x": -0.02, "shin_lf_z": -0.17}
+    p = model.params({q.name: jnp.asarray(row.get(q.name, q.default), float) for q in model.parameters})
+    m = mujoco.MjModel.from_xml_path(str(tmp_path / "quadruped.xml"))
+    path = FootPath(stride=0.05, lift=0.05, height=0.3)
+    paths = FootPaths(path, [two_link_leg(m, "hip_lf", "knee_lf", "foot_lf")])
+    targets = paths.of_joints(model, p, jnp.asarray([0.4]), jnp.asarray([0.5]))
+    m.body("shin_lf").pos = 1.2 * np.array([-0.02, 0.0, -0.17])
+    m.joint("knee_lf").pos = 0.9 * m.joint("knee_lf").pos
+    m.geom("foot_lf").pos = 0.9 * m.geom("foot_lf").pos
+    data = mujoco.MjData(m)
+    for joint, target in targets.items():
+        data.joint(joint).qpos[0] = target
+    mujoco.mj_kinematics(m, data)
+    place = data.geom("foot_lf").xpos - data.joint("hip_lf").xanchor
+    np.testing.assert_allclose(place[[0, 2]], [0.01, -0.275], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

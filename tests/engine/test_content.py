@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.content import cached_by_content, content_of, is_user_module
 from gaitsweep.engine.poincare.map_derivatives import LevelMap
 from gaitsweep.engine.poincare.maps import Map
@@ -207,6 +208,35 @@ def test_a_map_made_of_another_one_has_the_content_of_its_model(monkeypatch: pyt
     assert compiled(mapping) == 1.0
     _global(monkeypatch)
     assert compiled(mapping) == 4.0
+
+
+def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    @cached_by_content(maxsize=8)
+    def compiled(draws: Callable[[], float]) -> float:
+        return draws()
+
+    def gain() -> float:
+        return GAIN
+
+    assert compiled(gain) == 1.0
+    _global(monkeypatch)
+    assert compiled(gain) == 4.0
+
+
+def test_a_map_given_as_a_function_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stretched(values: Any, x: Any) -> Any:
+        return GAIN * x
+
+    once = PlainMap(stretched, ("x",), invariants=(("level", lambda values, x: GAIN + 0.0 * x[0]),))
+    for mapping in (once, once.iterated(2), LevelMap(once, "level")):
+        values = {"level": 0.0} if isinstance(mapping, LevelMap) else {}
+        one = mapping.images(once.points([[1.0]]), values)
+        assert one.conserved_values.item() == 1.0
+        _global(monkeypatch)
+        other = mapping.images(once.points([[1.0]]), values)
+        assert other.conserved_values.item() == 4.0
+        assert other.points.at.item() == (16.0 if mapping == once.iterated(2) else 4.0)
+        monkeypatch.undo()
 
 
 def test_a_file_that_a_function_reads_as_it_is_traced(tmp_path: Path) -> None:

@@ -337,6 +337,17 @@ def test_whole_numbers_divide_exactly(a: int, b: int) -> None:
     assert rest == 0 or (rest < 0) == (a < 0)
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_remainders_of_infinite_divisors_and_of_quotients_without_digits(dtype: Any) -> None:
+    inf, large = np.inf, np.finfo(dtype).max
+    a = np.array([1, -1, 2.5, 0, inf, np.nan, 1, 1, large, -7.25, large], dtype)
+    b = np.array([inf, inf, -inf, inf, inf, 2, np.nan, 0, large / 2, 2, 1e-30], dtype)
+    with np.errstate(all="ignore"):
+        (mine,) = executable(traced_with(lax.rem, a[0], b[0]))(a, b)
+    np.testing.assert_array_equal(mine[:-1], lax.rem(a, b)[:-1])
+    assert np.isnan(mine[-1])  # JAX's remainder is exact, but less than the rounding of a
+
+
 def _whole(a: Any, b: Any) -> tuple[Any, ...]:
     """Arithmetic that leaves the range of a dtype; the last is a generator of random numbers."""
     sums = a + b, a - b, -a, a + b + 1, a + b + a + b, jnp.sum(jnp.stack([a, b, a]))

@@ -8,11 +8,12 @@ import jax
 import numpy as np
 import pytest
 
+import gaitsweep as gs
 from firing_neuron import Neuron, firing_times
 from gaitsweep import models
 from gaitsweep.engine.numerics import Numerics, longest_step, step_of
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
-from gaitsweep.engine.solver.methods import METHODS
+from gaitsweep.engine.solver.methods import METHODS, refusal
 from gaitsweep.engine.solver.runge_kutta import DIFFERENCE, STAGES
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job.numerics import MethodName
@@ -123,3 +124,32 @@ def test_steps_and_tolerances_are_numbers_above_0(name: str, value: float) -> No
     fields: dict[str, Any] = {name: value}
     with pytest.raises(ArgumentError, match=f"numerics.{name} is {value:g}"):
         Numerics(**fields).resolve(Toy())
+
+
+class Stopped(gs.DeclaredModel):
+    """A linear decay; `whole` is whether its derivative is that of the flow, which `stop_gradient` hides."""
+
+    linear = True
+    whole = False
+    x = gs.variable("1", "what decays", 1.0)
+    rate = gs.parameter("1/s", "rate", 1.0)
+
+    def flow(self, p, s):
+        return {"x": -p.rate * (s.x if self.whole else jax.lax.stop_gradient(s.x))}
+
+    def period(self, p):
+        return 1.0 / p.rate
+
+
+@pytest.mark.parametrize("method", ["propagator", "propagator6"])
+def test_methods_by_the_flows_derivative_refuse_a_flow_that_hides_it(method: str) -> None:
+    """Without the derivative their steps would be those of Euler's method."""
+
+    class Whole(Stopped):
+        whole = True
+
+    assert refusal(method, Whole(), "float64") is None
+    hides = refusal(method, Stopped(), "float64")
+    assert hides is not None
+    assert "stop_gradient" in hides
+    assert "Allowed: tsit5" in hides

@@ -13,8 +13,9 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.carry import Halt
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.poincare.poincare_return import ReturnStatus, crossing_of
+from gaitsweep.engine.poincare.poincare_return import PoincareReturn, ReturnStatus, crossing_of
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.recorders.recordings import (
     CrossingRecorder,
@@ -419,3 +420,23 @@ def test_a_return_whose_period_is_not_finite_ends_at_once(T_squared: float, stat
     start = {name: jnp.zeros(()) for name in ("clock_0", "m_0", "x_0")}
     crossing = crossing_of(model, Numerics(method="tsit5", rtol=1e-9, atol=1e-12).resolve(model))
     assert ReturnStatus(int(crossing(params, model.init(params, start))[2])).name == status
+
+
+@pytest.mark.parametrize(
+    ("end", "status"),
+    [
+        ({"attempts": 10**7}, "step_limit"),
+        ({"attempts": 10**7, "halt": Halt.FELL}, "fell"),
+        ({"chain": 10**3, "halt": Halt.FELL}, "stalled"),
+        ({"halt": Halt.TIME}, "late"),
+    ],
+)
+def test_a_return_without_a_crossing_has_the_status_of_its_one_cause(end: Any, status: str) -> None:
+    model = Clock()
+    params = scalars(model)
+    state = model.init(params, {name: jnp.zeros(()) for name in ("clock_0", "m_0", "x_0")})
+    returns = PoincareReturn(model, Numerics(method="tsit5", rtol=1e-9, atol=1e-12).resolve(model))
+    trajectory = returns.begin(params, state)
+    trajectory = dataclasses.replace(trajectory, carry=dataclasses.replace(trajectory.carry, **end))
+    assert returns.ended(trajectory)
+    assert ReturnStatus(int(returns.status(trajectory))).name == status

@@ -108,6 +108,7 @@ def test_movies_are_written_to_the_figures_and_follow_the_cycle(chain: Path, cap
         assert gif.n_frames == 2  # type: ignore[attr-defined] (ten times faster than life)
     assert movie.usual_speed(CYCLE) == 0.25
     assert movie.usual_speed(1.6) == 1.0
+    assert [movie.usual_speed(period) for period in (np.nan, 0.0, np.inf)] == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.slow

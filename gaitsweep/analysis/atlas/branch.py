@@ -31,22 +31,22 @@ class StoredPoint:
 def text_of(at: BranchPoints) -> str:
     """A point (1,) of a branch as JSON, whose numbers have the same bits when they are read.
 
-    The list has the coordinates, the drifts, the parameter, the tangent, and each leaf of the modes.
+    The list has the coordinates, and each leaf of the modes.
     """
     modes = (np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(at.points.modes))
-    arrays = (at.points.at[0], at.drift[0], at.parameter, at.tangent[0], *modes)
-    return json.dumps([array.tolist() for array in arrays])
+    return json.dumps([array.tolist() for array in (at.points.at[0], *modes)])
 
 
 def point_of(text: str, like: Points) -> StoredPoint:
-    """Read the point from the text that `text_of` wrote; its drifts, parameter and tangent are left out.
+    """Read the point from the text that `text_of` wrote.
 
     Args:
         text: the text.
         like: a point (1,) of the same map, for the structure of its modes.
     """
     leaves, structure = jax.tree.flatten(like.modes)
-    at, _, _, _, *modes = json.loads(text)
+    at, *others = json.loads(text)
+    modes = others[len(others) - len(leaves) :]  # older texts have three more lists in between
     shaped = [
         np.asarray(values, leaf.dtype).reshape(leaf.shape) for values, leaf in zip(modes, leaves, strict=True)
     ]

@@ -334,13 +334,18 @@ def _errors(
     values: Values,
     fix: Sequence[str] | Mapping[str, object],
 ) -> Float[np.ndarray, " points"]:
-    """The estimated errors (n,) of fixed points: by their residuals, and by those of the refined map."""
+    """The estimated errors (n,) of fixed points, relative to the scales of their coordinates.
+
+    The larger of two distances: of a Newton step from the residual, where no conserved quantity is held, and
+    to the fixed point of the refined map, from which Newton's method begins at the point. NaN if the latter
+    is not found.
+    """
     steps = np.zeros(len(points))
     if not fix:
         miss = mapping.difference(images.points.at, points.at)
         matrices = images.jacobian - np.eye(miss.shape[1])
         for k in np.flatnonzero(np.isfinite(matrices).all(axis=(1, 2))):
-            solved = points.at[k] + np.linalg.lstsq(matrices[k], miss[k])[0]
+            solved = points.at[k] - np.linalg.lstsq(matrices[k], miss[k])[0]
             steps[k] = mapping.distance(points.at[k], solved)
     refined = mapping.refined()
     if refined is None:

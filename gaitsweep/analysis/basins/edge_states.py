@@ -313,7 +313,8 @@ def edge_states(
 
     Args:
         mapping: a return map, or any other.
-        u1, u2: n points each, such as `BatchedReturnMap.settled` gives, with equal conserved quantities.
+        u1, u2: n points each, n >= 0, such as `BatchedReturnMap.settled` gives, with equal conserved
+            quantities.
         values: parameters, numbers or one for each pair (n,).
         mapper: a `ProximityMapper`, a `LabelMapper` or any `AttractorMapper` function. By default the pair's
             own two trajectories after `limits.settle_cycles` cycles are its attractors.
@@ -431,7 +432,7 @@ class Tracking:
         for trajectory in np.argsort(cycles, kind="stable"):
             if labels[trajectory] < UNDECIDED:
                 self._end(int(rows[trajectory]), int(labels[trajectory]))
-        attractors = last.reshape(2, n, -1).swapaxes(0, 1)
+        attractors = last.reshape(2, n, last.shape[1]).swapaxes(0, 1)
         distance = self._distance(attractors[:, 1], attractors[:, 0])
         self.labels = np.where(self.going[:, None], np.array([0, 1]), UNDECIDED)
         self._stop(np.flatnonzero(self.going & (distance <= SAME)), EdgeOutcome.same)

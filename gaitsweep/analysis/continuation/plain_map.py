@@ -12,10 +12,12 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
+from gaitsweep import near_miss
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values, group_of
+from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values, column, group_of
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
+from gaitsweep.errors import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +41,11 @@ class PlainMap(FollowedMap):
     symmetries: tuple[tuple[str, Callable[..., Coordinates]], ...] = ()
 
     @property
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """Its functions, whose content decides the programs (`cached_by_content`)."""
+        return self.function, *(function for _, function in (*self.invariants, *self.symmetries))
+
+    @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return tuple(Quantity(name, "", name, circular=name in self.angles) for name in self.names)
 
@@ -60,8 +67,12 @@ class PlainMap(FollowedMap):
         return jnp.stack([jnp.zeros(()), *(function(values, at) for _, function in self.invariants)])[1:]
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        complete = {**dict(self.defaults), **values}
-        return {name: np.broadcast_to(np.asarray(v, np.float64), (n,)).copy() for name, v in complete.items()}
+        defaults = dict(self.defaults)
+        for name in values:
+            if name not in defaults:
+                near = near_miss.suggestion(name, defaults)
+                raise ArgumentError(f"{name} is not a parameter of the map{near}")
+        return {name: column(name, value, n) for name, value in {**defaults, **values}.items()}
 
     @property
     def durations(self) -> tuple[str, ...]:

@@ -285,6 +285,14 @@ class BodyModel(OfMjcf, DeclaredModel):
         body = int(m.jnt_bodyid[joint_number(m, joint)])
         return params.body[f"{self.body.elements.name_of_body(body)}_size"]
 
+    def place_of_body(self, params: Any, joint: str) -> Float[Array, " 3"]:
+        """The place (3,) m of the body that a joint moves in its parent, without that one's length factor."""
+        m = self.body.elements.m
+        body = int(m.jnt_bodyid[joint_number(m, joint)])
+        name = self.body.elements.name_of_body(body)
+        axes = zip("xyz", m.body_pos[body].tolist(), strict=True)
+        return jnp.stack([jnp.asarray(params.body.get(f"{name}_{axis}", place)) for axis, place in axes])
+
     def actuator_gear(self, params: Any, actuator: int) -> Float[Array, ""]:
         """The gear (1) of an actuator, by its number."""
         return params.body[f"{self.body.elements.name_of_actuator(actuator)}_gear"]

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from gaitsweep.dynamics.declarations import parameter
+from gaitsweep.dynamics.declarations import parameter, wrapped_about_zero
 from gaitsweep.dynamics.mjcf import hinges_and_slides, is_position_servo, keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
@@ -109,37 +109,45 @@ class JointPatterns(Targets):
 
 @dataclasses.dataclass(frozen=True)
 class TwoLinkLeg:
-    """A leg of two hinges about y.
+    """A leg of two hinges about y; vectors (2,) m are forward and up, at zero angles.
 
-    `thigh` and `shin` (2,) m are the vectors from hip to knee and from knee to foot, forward and up, at zero
-    angles; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee; `bend` is 1 or -1, the sign of
-    the knee's bend that inverse kinematics chooses.
+    `thigh` and `shin` are the vectors from hip to knee and from knee to foot, `hip_at` and `knee_at` the
+    places of the joints in their bodies; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee;
+    `bend` is 1 or -1, the sign of the knee's bend that inverse kinematics chooses.
     """
 
     hip: str
     knee: str
     thigh: Float[np.ndarray, " 2"]
     shin: Float[np.ndarray, " 2"]
+    hip_at: Float[np.ndarray, " 2"]
+    knee_at: Float[np.ndarray, " 2"]
     turns: Float[np.ndarray, " 2"]
     bend: float
 
+    def of_params(self, model: Any, params: Any) -> tuple[Any, Any]:
+        """The vector `thigh` and the factor of the lengths of `shin` at the parameters of a model."""
+        shin_size = model.length_factor(params, self.knee)
+        place = model.place_of_body(params, self.knee)[jnp.array([0, 2])]
+        thigh = model.length_factor(params, self.hip) * (place - self.hip_at) + shin_size * self.knee_at
+        return thigh, shin_size
+
     def angles(
-        self, x: Float[Array, ""], z: Float[Array, ""], thigh_size: Any = 1.0, shin_size: Any = 1.0
+        self, x: Float[Array, ""], z: Float[Array, ""], thigh: Any = None, shin_size: Any = 1.0
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """The angles (rad) of hip and knee with the foot at x, z (m) from the hip; straight if out of reach.
 
         A turn by q about y takes a vector w = x + i z to w exp(-i q), so that the foot is at
         exp(-i hip) (thigh + exp(-i knee) shin).
         """
-        a, b = self.thigh, self.shin
-        long_a, long_b = thigh_size * math.hypot(*a), shin_size * math.hypot(*b)
-        between = math.atan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
+        a, b = self.thigh if thigh is None else thigh, self.shin
+        long_a, long_b = jnp.sqrt(a[0] ** 2 + a[1] ** 2), shin_size * math.hypot(*b)
+        between = jnp.arctan2(a[0] * b[1] - a[1] * b[0], a[0] * b[0] + a[1] * b[1])
         cosine = (x * x + z * z - long_a**2 - long_b**2) / (2.0 * long_a * long_b)
         turn = self.bend * jnp.arccos(jnp.clip(cosine, -_STRAIGHT, _STRAIGHT))  # from thigh to shin
-        angle_a = math.atan2(a[1], a[0])
+        angle_a = jnp.arctan2(a[1], a[0])
         reach = jnp.arctan2(long_b * jnp.sin(turn), long_a + long_b * jnp.cos(turn))
-        hip = angle_a + reach - jnp.arctan2(z, x)
-        hip = hip - 2.0 * jnp.pi * jnp.round(hip / (2.0 * jnp.pi))
+        hip = wrapped_about_zero(angle_a + reach - jnp.arctan2(z, x))
         return self.turns[0] * hip, self.turns[1] * (between - turn)
 
 
@@ -169,11 +177,9 @@ class FootPaths(Targets):
     ) -> dict[str, Float[Array, ""]]:
         targets = {}
         for i, leg in enumerate(self._legs):
-            thigh_size = model.length_factor(params, leg.hip)
-            shin_size = model.length_factor(params, leg.knee)
             x = params.foot_ahead + 0.5 * params.stride * place[i]
             z = params.foot_lift * lift[i] - params.hip_height
-            targets[leg.hip], targets[leg.knee] = leg.angles(x, z, thigh_size, shin_size)
+            targets[leg.hip], targets[leg.knee] = leg.angles(x, z, *leg.of_params(model, params))
         return targets
 
 
@@ -202,10 +208,10 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
         raise ValueError(
             f"The bodies of '{hip}' and '{knee}' are turned, which a foot path does not support."
         )
-    knee_at = m.body_pos[shin_body] + m.joint(knee).pos
-    thigh = (knee_at - m.joint(hip).pos)[[0, 2]]
-    shin = (m.geom(foot).pos - m.joint(knee).pos)[[0, 2]]
-    leg = TwoLinkLeg(hip, knee, thigh, shin, np.array(turns), 1.0)
+    places = m.joint(hip).pos, m.joint(knee).pos, m.body_pos[shin_body], m.geom(foot).pos
+    hip_at, knee_at, shin_at, foot_at = (place[[0, 2]] for place in places)
+    thigh = shin_at + knee_at - hip_at
+    leg = TwoLinkLeg(hip, knee, thigh, foot_at - knee_at, hip_at, knee_at, np.array(turns), 1.0)
     return dataclasses.replace(leg, bend=_bend(m, leg))
 
 

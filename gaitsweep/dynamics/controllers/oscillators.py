@@ -8,7 +8,6 @@ model, their rates, and the pattern that it gives to each leg. A kind of your ow
 from __future__ import annotations
 
 import abc
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
@@ -17,12 +16,11 @@ from jaxtyping import Array, Float
 from pydantic import Field, model_validator
 
 from gaitsweep.dynamics import matsuoka
-from gaitsweep.dynamics.declarations import parameter, variable
+from gaitsweep.dynamics.declarations import TWO_PI, parameter, variable, wrapped_about_zero
 from gaitsweep.schema.numbers import NotNegative, Positive, Real, Text, wrong_value
 from gaitsweep.schema.strict_model import Registry, StrictModel
 
 HIP = "hip"  # role of the joint whose angle is fed back, and which a path of the foot moves
-_TURN = 2.0 * math.pi
 
 
 class LegSenses(NamedTuple):
@@ -126,7 +124,7 @@ class _Rhythm(Oscillators):
 
     def _parameters(self, legs: Sequence[str]) -> dict[str, Any]:
         """The parameters of oscillators with a phase, by name."""
-        even = {leg: _TURN * i / len(legs) for i, leg in enumerate(legs)}
+        even = {leg: TWO_PI * i / len(legs) for i, leg in enumerate(legs)}
         declared: dict[str, Any] = {
             "omega": parameter("rad/s", "frequency of the oscillators", self.omega, low=0.0, open_ends=True),
             "coupling": parameter("1/s", "coupling of the oscillators towards the pattern", self.coupling),
@@ -147,12 +145,7 @@ class _Rhythm(Oscillators):
         return params.omega + params.sigma * senses.loads() * ahead  # slower where a stance ends
 
     def period(self, params: Any) -> Float[Array, ""]:
-        return _TURN / params.omega
-
-
-def _nearest(angle: Float[Array, ""]) -> Float[Array, ""]:
-    """The angle (rad) from -pi to pi."""
-    return angle - _TURN * jnp.round(angle / _TURN)
+        return TWO_PI / params.omega
 
 
 class PhaseOscillators(_Rhythm):
@@ -184,14 +177,16 @@ class PhaseOscillators(_Rhythm):
         return jnp.cos(state.phase), jnp.maximum(-jnp.sin(state.phase), 0.0)
 
     def turned(self, state: Any) -> Float[Array, ""]:
-        return state.phase[0] - _TURN
+        return state.phase[0] - TWO_PI
 
     def wrapped(self, state: Any) -> Any:
-        return state.replace(phase=state.phase - _TURN)
+        return state.replace(phase=state.phase - TWO_PI)
 
     def landed(self, params: Any, state: Any, leg: int) -> Any:
         phase = state.phase[leg]
-        return state.replace(phase=state.phase.at[leg].set(phase + _nearest(params.phase_landing - phase)))
+        return state.replace(
+            phase=state.phase.at[leg].set(phase + wrapped_about_zero(params.phase_landing - phase))
+        )
 
 
 class HopfOscillators(_Rhythm):
@@ -305,8 +300,7 @@ class MatsuokaOscillators(Oscillators):
 
     def declarations(self, legs: Sequence[str]) -> dict[str, Any]:
         n = len(legs)
-        # each second leg from the first on begins in swing: before the section, where the extensor takes over
-        extensors = [1.0 if i % 2 else 0.1 for i in range(n)]
+        extensors = [1.0 if is_in_stance else 0.1 for is_in_stance in self._stances(legs)]
         starts = (*extensors, *(1.1 - start for start in extensors))
         declared: dict[str, Any] = {
             "Tr": parameter("s", "time constant of the rise", self.rise, low=0.0, open_ends=True),
@@ -325,6 +319,24 @@ class MatsuokaOscillators(Oscillators):
         if self.load is not None:
             declared["k2"] = parameter("1/N", "feedback of the loads to the flexors", self.load)
         return declared
+
+    def _stances(self, legs: Sequence[str]) -> list[bool]:
+        """Whether each leg begins in stance: of two that inhibit each other one does, of others each second.
+
+        The first leg begins in swing: before the section, where its extensor takes over.
+        """
+        stances: dict[str, bool] = {}
+        for i, leg in enumerate(legs):
+            stances.setdefault(leg, bool(i % 2))
+            waiting = [leg]
+            while waiting:
+                one = waiting.pop()
+                for pair in self.inhibited:
+                    for other in pair if one in pair else ():
+                        if other not in stances:
+                            stances[other] = not stances[one]
+                            waiting.append(other)
+        return [stances[leg] for leg in legs]
 
     def rates(
         self, legs: Sequence[str], params: Any, state: Any, senses: LegSenses
@@ -371,7 +383,7 @@ class MatsuokaOscillators(Oscillators):
     def period(self, params: Any) -> Float[Array, ""]:
         # the frequency of two half-centres on their limit cycle (Matsuoka 2011, Biol. Cybern. 104:297)
         share = (params.Tr + params.Ta) * params.b / (params.Tr * -params.gamma_) - 1.0
-        return _TURN * params.Ta / jnp.sqrt(jnp.maximum(share, 0.01))
+        return TWO_PI * params.Ta / jnp.sqrt(jnp.maximum(share, 0.01))
 
 
 OSCILLATORS = Registry("oscillators", (PhaseOscillators, HopfOscillators, MatsuokaOscillators))

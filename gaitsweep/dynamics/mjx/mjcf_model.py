@@ -28,6 +28,7 @@ from gaitsweep.dynamics.mjcf import (
     compiled_content,
     compiled_mjcf,
     content_key,
+    joint_number,
     keyframe_number,
 )
 from gaitsweep.near_miss import suggestion
@@ -104,6 +105,11 @@ class MjcfModel(OfMjcf, Declared, SteppedModel):
     def length_factor(self, params: Any, joint: str) -> float:
         """The factor (1) of the lengths of the body that a joint moves: lengths are the MJCF's."""
         return 1.0
+
+    def place_of_body(self, params: Any, joint: str) -> Float[Array, " 3"]:
+        """The place (3,) m of the body that a joint moves in its parent: that of the MJCF."""
+        m = compiled_mjcf(type(self))
+        return jnp.asarray(m.body_pos[m.jnt_bodyid[joint_number(m, joint)]])
 
     def actuator_gear(self, params: Any, actuator: int) -> float:
         """The gear (1) of an actuator, by its number: that of the MJCF."""

@@ -80,10 +80,19 @@ def quotient(w: Writer, a: int, b: int) -> int:
 
 
 def remainder(w: Writer, a: int, b: int) -> int:
-    """The remainder of a / b, with the sign of a, up to the rounding of a."""
+    """The remainder of a / b, with the sign of a, up to the rounding of a.
+
+    It is NaN where it has no digit within this rounding, the quotient of floats being 1 / eps or more.
+    """
     known = w.program.evaluated("div", (a, b))
-    whole = truncated(w, w.program.write("div", a, b) if known is None else known)
-    return w("sub", a, w("mul", b, whole))
+    ratio = w.program.write("div", a, b) if known is None else known
+    rest = w("sub", a, w("mul", b, truncated(w, ratio)))
+    if w.kind == "int":
+        return rest
+    has_digits = w("lt", w("abs", ratio), 2.0**23 if w.single else 2.0**52)
+    # also of an infinite b
+    is_smaller = w("lt", w("abs", a), w("abs", b))
+    return w("select", is_smaller, a, w("select", has_digits, rest, math.nan))
 
 
 def truncated(w: Writer, x: int) -> int:

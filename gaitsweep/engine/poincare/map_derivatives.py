@@ -27,7 +27,9 @@ from gaitsweep.engine.poincare.maps import (
     MapEvaluation,
     Points,
     Values,
+    column,
 )
+from gaitsweep.errors import ArgumentError
 
 # Batch sizes for which programs are compiled. A larger batch is split; a smaller one is filled up to the next
 # size by repeating its last point, which costs kernels nothing.
@@ -70,7 +72,12 @@ def in_batches(
         points: the points, one at least.
         parameters: parameters by name, (n,) each.
         sizes: the sizes of batches for which the program is compiled, the largest last.
+
+    Raises:
+        ArgumentError: there are no points.
     """
+    if not len(points):
+        raise ArgumentError("A map is evaluated at no points, but needs one point or more.")
     batches = []
     for first in range(0, len(points), sizes[-1]):
         count = min(sizes[-1], len(points) - first)
@@ -143,7 +150,7 @@ class LevelMap(DerivedMap, FollowedMap):
         return self.base.conserved_values(self._of_base(values), at).at[index].add(-values[self.name])
 
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
-        level = np.broadcast_to(np.asarray(values[self.name], np.float64), (n,)).copy()
+        level = column(self.name, values[self.name], n)
         return {**self.base.complete(self._of_base(values), n), self.name: level}
 
     def refined(self) -> LevelMap | None:

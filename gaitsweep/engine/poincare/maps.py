@@ -259,6 +259,11 @@ class DerivedMap(Map):
         return getattr(self.base, "model", None)
 
     @property
+    def functions(self) -> tuple[Callable[..., Any], ...]:
+        """The functions of a map without a model, which decide the programs likewise."""
+        return getattr(self.base, "functions", ())
+
+    @property
     def coordinates(self) -> tuple[Quantity, ...]:
         return self.base.coordinates
 
@@ -340,6 +345,14 @@ class IteratedMap(DerivedMap):
             )
             total = total.merged(rows, chained)
         return total
+
+
+def column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
+    """A number, or one for each of n points, as a column (n,); raises ArgumentError for other lengths."""
+    column = np.asarray(value, np.float64)
+    if column.shape not in ((), (1,), (n,)):
+        raise ArgumentError(f"{name} has {column.size} values, but there are {n} points.")
+    return np.broadcast_to(column, (n,)).copy()
 
 
 def sizes(at: ManyCoordinates) -> ManyCoordinates:

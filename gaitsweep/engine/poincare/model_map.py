@@ -20,7 +20,7 @@ from gaitsweep.engine.carry import Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values, group_of
+from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values, column, group_of
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_used, resolve
@@ -83,7 +83,7 @@ class ModelMap(FollowedMap):
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         self._refuse_unknown(values, self.model.parameters, "parameter")
         numbers = {name: value for name, value in self._written.items() if not isinstance(value, str)}
-        return {name: _column(name, value, n) for name, value in {**numbers, **values}.items()}
+        return {name: column(name, value, n) for name, value in {**numbers, **values}.items()}
 
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         params = self.params(values)
@@ -130,7 +130,7 @@ class ModelMap(FollowedMap):
             start = starts.get(quantity.name, quantity.default)
             if start is None:
                 raise ArgumentError(f"{quantity.name} of {self.model.name} has no default: set it in starts.")
-            starts_of_points[quantity.name] = _column(quantity.name, start, n)
+            starts_of_points[quantity.name] = column(quantity.name, start, n)
         complete = self.complete(values, n)
         state, status = _settler(self, cycles)(complete, starts_of_points)
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)
@@ -176,14 +176,6 @@ class ModelMap(FollowedMap):
             return tuple(graphlib.TopologicalSorter(uses).static_order())
         except graphlib.CycleError as circle:
             raise ArgumentError(f"{' -> '.join(circle.args[1])}: these formulas use one another.") from None
-
-
-def _column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
-    """A number, or one for each of n points, as a column (n,); raises ArgumentError for other lengths."""
-    column = np.asarray(value, np.float64)
-    if column.shape not in ((), (1,), (n,)):
-        raise ArgumentError(f"{name} has {column.size} values, but there are {n} points.")
-    return np.broadcast_to(column, (n,)).copy()
 
 
 @cached_by_content(maxsize=16)

@@ -122,14 +122,19 @@ def stagewise(model: HybridModel, numerics: ResolvedNumerics) -> Callable[[Param
 
 
 class ReturnStatus(ResultCode):
-    """The result code of a return, with its sentence."""
+    """The result code of a return, with its sentence.
+
+    Tables of edge states have the numbers: existing numbers must not change, and new ones are added at the
+    end.
+    """
 
     crossed = 0, "The section was crossed."
     late = 1, "No crossing came within four nominal periods."
-    stalled = 2, "Events followed each other without end, or the steps became too many."
+    stalled = 2, "Events followed each other at one instant without end."
     lost = 3, "A state variable became NaN or infinite, or the model's period is."
     fell = 4, "The body fell: the model's function `failed` became true."
     elsewhere = 5, "The section was crossed in a way that its coordinates do not have."
+    step_limit = 6, "The return needed more steps than its limit, which follows from its longest step."
 
 
 @jax.tree_util.register_dataclass
@@ -202,22 +207,23 @@ class PoincareReturn:
 
     def ended(self, trajectory: ReturnState) -> Bool[Array, ""]:
         """Whether the return has ended, by a crossing or otherwise."""
-        return (trajectory.carry.halt != Halt.GOING) | self._is_stuck(trajectory)
-
-    def _is_stuck(self, trajectory: ReturnState) -> Bool[Array, ""]:
-        """Whether a trajectory has made too many jumps at one instant, or too many attempts."""
         carry = trajectory.carry
-        return is_stalled(self.model, carry) | (carry.attempts > trajectory.limit)
+        return (carry.halt != Halt.GOING) | is_stalled(self.model, carry) | self._is_over_limit(trajectory)
+
+    def _is_over_limit(self, trajectory: ReturnState) -> Bool[Array, ""]:
+        return trajectory.carry.attempts > trajectory.limit
 
     def status(self, trajectory: ReturnState) -> Int[Array, ""]:
         """The `ReturnStatus` of a return that has ended."""
         carry = trajectory.carry
         numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
-        late = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, ReturnStatus.late)
-        missed = jnp.where(self._is_stuck(trajectory), ReturnStatus.stalled, late)
-        crossed = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, missed)
-        return jnp.where(sound, crossed, ReturnStatus.lost).astype(jnp.int32)
+        status = jnp.where(self._is_over_limit(trajectory), ReturnStatus.step_limit, ReturnStatus.late)
+        status = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, status)
+        # a stalled trajectory halts as one that fell
+        status = jnp.where(is_stalled(self.model, carry), ReturnStatus.stalled, status)
+        status = jnp.where(carry.halt == Halt.CROSSING, ReturnStatus.crossed, status)
+        return jnp.where(sound, status, ReturnStatus.lost).astype(jnp.int32)
 
 
 def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "auto") -> Crossing:

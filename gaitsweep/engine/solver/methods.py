@@ -8,11 +8,13 @@ from typing import Any, Literal
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
 from gaitsweep.dynamics.ground import is_uneven
+from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
 from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
-from gaitsweep.engine.stored_traces import counts_of_state
+from gaitsweep.engine.stored_traces import counts_of_state, shapes_of, stored
+from gaitsweep.engine.switches import moving_operations
 from gaitsweep.errors import ArgumentError
 
 # The dtype of states and times; mixed: they are float64, and steps are passed to the model as float32.
@@ -149,7 +151,18 @@ def _refusal_of_linear_method(name: str, model: Model, precision: Precision) -> 
         return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
+    if _hides_derivative(model):
+        hides = f"stop_gradient hides a part of it in {model.name}"
+        return f"is {name}, whose matrix is the derivative of the flow, but {hides}. Allowed: {general}."
     return None
+
+
+@cached_by_content(maxsize=64)
+def _hides_derivative(model: HybridModel) -> bool:
+    """Whether the flow of a model has a moving part without derivative, by `stop_gradient`."""
+    return stored(
+        "hides_derivative", model, (), lambda: "stop_gradient" in moving_operations(model, *shapes_of(model))
+    )
 
 
 def _adaptive_refusal(name: str, model: HybridModel, precision: Precision) -> str | None:
