@@ -319,7 +319,8 @@ def add_uneven_strides(
     """Add the rows of a part on which a foot lands more than once a stride, whose gait is none.
 
     The last stride of such a foot is shorter than its last stance, so that its duty factor is NaN; or, on an
-    orbit of one crossing, it is the shortest of strides that differ. Each row counts for one foot.
+    orbit of one crossing, it is the shortest of strides that differ. Each row counts for one foot; those that
+    settled with strides that differ over several crossings do not count.
 
     Args:
         uneven: by foot, the number of such rows, the first of them, and the shortest and the longest of the
@@ -330,11 +331,12 @@ def add_uneven_strides(
     rows, columns = _ended_without_gait(part, feet)
     rows = rows[rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
-    of_one_crossing = _are_settled(rows) & (rows["attractor_period"] == 1).to_numpy(bool)
-    several = _are_settled(rows) & ~of_one_crossing
+    uneven_and_settled = _are_settled(rows) & _are_uneven(strides)
+    of_one_crossing = (rows["attractor_period"] == 1).to_numpy(bool)
+    several = uneven_and_settled & ~of_one_crossing
     land_within = ~several[:, None] & _land_within(rows, columns)
     has_such = land_within.any(axis=1)
-    repeated = has_such | (of_one_crossing & _are_uneven(strides))
+    repeated = has_such | (uneven_and_settled & of_one_crossing)
     shortest = np.argmin(np.where(land_within | ~has_such[:, None], strides, np.inf), axis=1)
     for k, column in enumerate(columns):
         is_short = (shortest == k) & repeated
@@ -449,8 +451,9 @@ def _periods(context: RunContext) -> Callable[[Any], Float[np.ndarray, " rows"]]
 
 
 def _are_uneven(strides: Float[np.ndarray, "rows feet"]) -> Bool[np.ndarray, " rows"]:
-    """Mask of rows whose strides differ by more than those of legs that step together."""
-    return strides.min(axis=1, initial=np.inf) < (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0)
+    """Mask of rows whose strides differ by more than those of a gait (`Footfalls.gait`)."""
+    first = strides[:, :1]
+    return np.any(np.abs(strides - first) > TOGETHER * first, axis=1)
 
 
 def _land_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, "rows feet"]:
