@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
+from gaitsweep.analysis.records import axes_of
 from gaitsweep.api.result import Result
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import evaluate, names_used
@@ -35,8 +36,8 @@ def concat(*tables: Tables) -> pd.DataFrame:
 
     Raises:
         ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
-            of the others; two tables have the same row of one job, which would count twice; they are of
-            atlases; an argument is no table, or there is none.
+            of the others, or any of their columns if none has a job; two tables have the same row of one job,
+            which would count twice; they are of atlases; an argument is no table, or there is none.
 
     Example:
         >>> import gaitsweep as gs
@@ -55,6 +56,7 @@ def concat(*tables: Tables) -> pd.DataFrame:
         _require_alike(jobs)
         _require_different_rows(frames)
         frames = _with_differing_constants(frames, jobs)
+    _require_columns(frames, axes_only=any(jobs))
     attrs = _joined_attrs([frame.attrs for frame in frames])
     frames, parts = _with_rows_numbered_on(frames)
     joined = pd.concat(same_categories(*frames), ignore_index=True)
@@ -233,6 +235,19 @@ def _with_differing_constants(
         with_columns.attrs = frame.attrs
         completed.append(with_columns)
     return completed
+
+
+def _require_columns(frames: Sequence[pd.DataFrame], *, axes_only: bool) -> None:
+    """Refuse a table that lacks a column of another one, or an axis, whose values would all be NaN.
+
+    Raises:
+        ArgumentError: with the column and the numbers of the tables.
+    """
+    for other, with_column in enumerate(frames, 1):
+        for name in axes_of(with_column) if axes_only else with_column.columns:
+            for number, frame in enumerate(frames, 1):
+                if name not in frame:
+                    raise ArgumentError(f"{name} is a column of table {other}, but table {number} lacks it.")
 
 
 def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> Any:

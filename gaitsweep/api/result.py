@@ -40,7 +40,13 @@ class Result:
     """
 
     def __init__(self, path: str | Path | None = None, table: pd.DataFrame | None = None) -> None:
-        """Keep the directory, or the table of a result in memory."""
+        """Keep the directory, or the table of a result in memory.
+
+        Raises:
+            ArgumentError: neither is given.
+        """
+        if path is None and table is None:
+            raise ArgumentError("A Result has a directory or a table: give path or table.")
         self._path = None if path is None else Path(path)
         self._table = table
 

@@ -48,6 +48,9 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
             raise wrong_value("has log and whole, but whole numbers are chosen by equal differences.")
         if self.log and self.low <= 0.0:
             raise wrong_value(f"has low {self.low:g}, but equal ratios need a value above 0.")
+        if math.isinf(self.high / self.low if self.log else self.high - self.low):
+            span = "ratio" if self.log else "difference"
+            raise wrong_value(f"goes from {self.low:g} to {self.high:g}, whose {span} is no finite number.")
         if self.whole and math.floor(self.high) <= math.ceil(self.low):
             raise wrong_value(f"has fewer than two whole numbers from {self.low:g} to {self.high:g}.")
         return self

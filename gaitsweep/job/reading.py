@@ -154,7 +154,7 @@ def read_job(
 
     Args:
         data: the job's mapping as written.
-        folder: the folder to which `config` is relative and which has the user's modules.
+        folder: the folder to which paths are relative and which has the user's modules.
         handler: pydantic's validator of the whole mapping.
         sections: the parts of a job by the keys under which pydantic reports them.
 
@@ -266,7 +266,7 @@ def _read_rows(config: Config, folder: Path) -> _Rows:
         diagnostics += wrong
     kind = kind_written(raw.get("run"))
     if spec is not None and kind is not None:
-        raw, wrong = kind.filled(raw, spec.model)
+        raw, wrong = kind.filled(raw, spec.model, folder)
         config.refuse(wrong)  # without the values of the table others would be missing
     fields = {key: value for key, value in raw.items() if key not in _READ_HERE}
     settings: dict[str, float | str] = {}

@@ -164,6 +164,9 @@ class FollowsFixedPoints(TableRunKind):
     def _check_map(self, model: Model, method: str) -> list[Diagnostic]:
         """Diagnostics about a map without derivative, and about quantities that it does not conserve."""
         wrong = []
+        if self.without:
+            text = "names variables that need not rest, but cycles are followed: give run.stationary, too."
+            wrong.append(Diagnostic(("run", "without"), text))
         chart = model.chart()
         names = [] if chart is None else [quantity.name for quantity in chart.conserved]
         for index, name in enumerate(self.fix):

@@ -90,8 +90,8 @@ class Perturb(SettlesRows):
     tolerance: PositiveOrEach = tolerance_field("row", 1e-6)
     after: Text | None = Field(
         default=None,
-        description="result directory of a run of kind settle with `states`, whose settled rows are pushed, "
-        "with their parameters, instead of rows that settle from start values",
+        description="result directory of a run of kind settle with `states`, relative to the job's folder, "
+        "whose settled rows are pushed, with their parameters, instead of rows that settle from start values",
     )
 
     unhashed: ClassVar[tuple[str, ...]] = ("after",)  # the rows of the table become part of the job
@@ -136,7 +136,9 @@ class Perturb(SettlesRows):
         return (model if clash else extended), wrong
 
     @classmethod
-    def filled(cls, fields: Mapping[str, Any], model: Model) -> tuple[dict[str, Any], list[Diagnostic]]:
+    def filled(
+        cls, fields: Mapping[str, Any], model: Model, folder: Path
+    ) -> tuple[dict[str, Any], list[Diagnostic]]:
         """The fields with the settled rows of the table `after` as the first group of `vary`.
 
         A job that has them already, as that of a result directory, is returned as it is.
@@ -152,7 +154,7 @@ class Perturb(SettlesRows):
         after = fields["run"]["after"]
         path = after.attrs.get("path", IN_MEMORY) if isinstance(after, pd.DataFrame) else after
         try:
-            table = after if isinstance(after, pd.DataFrame) else _loaded(Path(after))
+            table = after if isinstance(after, pd.DataFrame) else _loaded(folder / after)
             constants, rows = _settled_rows(table, str(fields.get("model")), model.model)
         except (ArgumentError, TableError) as error:
             return dict(fields), [Diagnostic(("run", "after"), f"is {path}: {error}")]

@@ -6,6 +6,7 @@ import abc
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
@@ -22,7 +23,8 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError
 from gaitsweep.kinds.columns import Column, Records, row_number
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.schema.diagnostics import Diagnostic, Path
+from gaitsweep.schema.diagnostics import Diagnostic
+from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic, kind_of, plain
 
 
@@ -32,8 +34,8 @@ class Movement:
 
     parameter: str
     values: tuple[float, ...]
-    name_path: Path
-    values_path: Path
+    name_path: FieldPath
+    values_path: FieldPath
 
 
 class BlockProgress(Protocol):
@@ -127,12 +129,15 @@ class RunKind(StrictModel, abc.ABC):
         return model, []
 
     @classmethod
-    def filled(cls, fields: Mapping[str, Any], model: Model) -> tuple[dict[str, Any], list[Diagnostic]]:
+    def filled(
+        cls, fields: Mapping[str, Any], model: Model, folder: Path
+    ) -> tuple[dict[str, Any], list[Diagnostic]]:
         """The fields of a job with those that an earlier table gives, and diagnostics; by default as written.
 
         Args:
             fields: those of the job as written, which are not checked yet.
             model: the model of its rows, from `model_of`.
+            folder: the job's, to which its paths are relative.
         """
         return dict(fields), []
 

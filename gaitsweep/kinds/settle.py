@@ -242,10 +242,11 @@ class Settle(SettlesRows):
 
     def _check_refinement(self, rows: Design) -> list[Diagnostic]:
         """Diagnostics about refinement of axes that do not form a grid."""
-        if self.refine is None:
-            if self.over is not None:
-                return [Diagnostic(("run", "over"), "names axes to refine, but run.refine is not given.")]
-            return []
+        if self.refine is None:  # a stored job has the default of each field
+            fields = type(self).model_fields
+            written = [name for name in ("over", "coarse") if getattr(self, name) != fields[name].default]
+            text = "has no effect without run.refine: give that too, or remove it."
+            return [Diagnostic(("run", name), text) for name in written]
         grids, over = rows.grids, self.over or []
         wrong = []
         for index, name in enumerate(over):

@@ -17,7 +17,7 @@ from gaitsweep.schema.numbers import Flag, Positive, Real, Stem, Text, checked, 
 
 
 class Role(enum.Enum):
-    """Quantities that an argument names, as a mark of its type; a value is a list in `FigureKind`."""
+    """What an argument names, as a mark of its type; a value is the list of `FigureKind` that it is in."""
 
     COLUMN = "column_fields"
     ALONG_AXIS = "axis_fields"
@@ -31,7 +31,7 @@ Observable = Annotated[Text, Role.OBSERVABLE]
 
 
 def read_title(value: Any) -> str | None:
-    """A figure's title in a job: None is the default; an empty text and `none` are no title, an empty text.
+    """Return a figure's title in a job: None is the default, and "" no title, which "" and `none` ask for.
 
     Raises:
         InvalidValue: it is no text.
@@ -77,7 +77,7 @@ TEXT_COLUMNS = frozenset(name for name, (unit, _) in COLUMNS.items() if unit == 
 
 
 def fields_of(draw: Callable[..., Any]) -> dict[str, Any]:
-    """The arguments of a function as fields of a job, if text at the end of their types describes them."""
+    """The arguments after the table as fields of a job, if text at the end of their types describes them."""
     fields = {}
     # without the types of the table and of the figure, for which pandas and Matplotlib would be imported
     _, *arguments = inspect.signature(draw).parameters.values()

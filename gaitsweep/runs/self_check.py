@@ -103,11 +103,11 @@ def self_check(
     if count == 0 or not is_checked(context):
         return None, None
     rows = sample_rows(context.design, count)
-    check = SelfCheck(rows=rows.size, of=context.design.n_rows)
     finer = finer_share(context)
-    check.finer = f"{finer:.2g} of the step"
+    words = f"{finer:.2g} of the step"
     if context.spec.numerics.adaptive:
-        check.finer = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
+        words = f"tolerances {1.0 / tolerance_scale(finer):.0f} times finer"
+    check = SelfCheck(rows.size, context.design.n_rows, words)
     comparison = _Comparison(context, on_progress)
     if isinstance(run := context.job.run, TableRunKind):
         once, refined = run.starting_points(context.design, context.spec, rows, 1.0, finer)

@@ -39,8 +39,8 @@ def sizes(
 ) -> Float[np.ndarray, " quantities"]:
     """Return the sizes (k,) by which quantities are compared, from their values (..., k).
 
-    They are 1 rad for angles, `Quantity.scale`, or the range of the values, at least `LEAST_SIZE` of their
-    magnitude.
+    They are 1 rad for angles, `Quantity.scale`, or the range of the known values, at least `LEAST_SIZE` of
+    the largest magnitude, and `MIN_SCALE`, also of a quantity without known values.
     """
     known = np.where(np.isfinite(values), values, np.nan).reshape(-1, len(quantities))
     size = np.full(len(quantities), MIN_SCALE)
@@ -75,6 +75,7 @@ class SelfCheck:
     Args:
         rows: the number of rows rerun.
         of: the number of rows of the job.
+        finer: the finer steps or tolerances, in words.
         stored_differs: rows that do not reproduce their stored records with the same steps.
         status_differs: rows that end with another status with finer steps.
         gait_differs: rows with another gait.
@@ -87,11 +88,11 @@ class SelfCheck:
         largest: the largest change of each observable: of settled rows at their end, of others over their
             first crossings.
         worst: name and unit of the observable with the largest change relative to its size.
-        finer: the finer steps, in words.
     """
 
     rows: int
     of: int
+    finer: str
     stored_differs: int = 0
     status_differs: int = 0
     gait_differs: int = 0
@@ -103,7 +104,6 @@ class SelfCheck:
     by_step: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
-    finer: str = "half the step"
     _worst_share: float = -1.0
 
     def record_changes(
@@ -158,7 +158,10 @@ def is_checked(context: RunContext) -> bool:
 
 
 def rows_to_repeat(context: RunContext) -> int:
-    """Return the rows of the sample: as the job says, else at most 32 and `MOST_WORK` of the run's work."""
+    """Return the number of rows of the sample: as the job says, else at most 32.
+
+    Without a number in the job they take about `MOST_WORK` of the run's work at most, or are `LEAST_ROWS`.
+    """
     job, design = context.job, context.design
     if "verify" in job.model_fields_set or design.n_rows <= LEAST_ROWS:
         return min(job.verify, design.n_rows)

@@ -218,32 +218,19 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     summaries = _summaries(context, table)
     if not summaries:
         return {}
-    mislabelled: dict[str, dict[str, int]] = {}
     feet = _feet_by_stride(context)
     without_stride = {feet[column] for column in summaries.get(WITHOUT_STRIDES, ())}
-    uneven: dict[str, dict[str, Any]] = {}
-    without_gait: dict[str, dict[str, Any]] = {}
-    short_contacts: dict[str, Any] = {}
-    backwards: dict[str, Any] = {}
-    stalls: dict[str, dict[str, Any]] = {}
+    adders = {name: add for name, add in _adders(context, feet).items() if name in summaries}
+    about: dict[str, dict[str, Any]] = collections.defaultdict(dict)
     counts = {name: collections.Counter[str]() for name in _COUNTED if name in summaries}
     distances: list[tuple[float, int]] = []
     parts_of_findings: list[pd.DataFrame] = []
     for part in table.load_parts(["row", "status", *sorted(set().union(*summaries.values()))]):
-        if MISLABELLED in summaries:
-            _add_mislabelled(mislabelled, part, [*context.model.gaits, AT_REST])
         if WITHOUT_STRIDES in summaries:
             strides = part[sorted(summaries[WITHOUT_STRIDES])]
             without_stride -= {feet[str(name)] for name in strides.columns[strides.notna().any()]}
-        if UNEVEN_STRIDES in summaries:
-            add_uneven_strides(uneven, part, feet)
-            add_without_gait(without_gait, part, feet)
-        if SHORT_CONTACTS in summaries:
-            add_short_contacts(short_contacts, part, feet, _shortest_contact(context), _periods(context))
-        if BACKWARDS in summaries:
-            add_backwards(backwards, part)
-        if "stalls" in summaries:
-            _add_stalls(stalls, part)
+        for name, add in adders.items():
+            add(about[name], part)
         for name, counter in counts.items():
             column, statuses = _COUNTED[name]
             values: Any = part[column][statuses.among(part["status"])]
@@ -255,7 +242,7 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     farthest = max(distances, key=lambda distance: distance[0], default=None)
     fields: dict[str, Any] = {
         **{name: dict(counter.most_common()) for name, counter in counts.items()},
-        "stalls": dict(sorted(stalls.items())),
+        "stalls": dict(sorted(about["stalls"].items())),
         "largest_distance": {"rad": farthest[0], "row": farthest[1]} if farthest else {},
     }
     if "periods" in fields:
@@ -263,10 +250,26 @@ def _of_records(context: RunContext, table: Table) -> dict[str, Any]:
     if parts_of_findings:
         records = pd.concat(parts_of_findings, ignore_index=True)
         fields["findings"] = context.job.run.findings(records)
-    of_few_rows = {MISLABELLED: mislabelled, SHORT_CONTACTS: short_contacts, BACKWARDS: backwards}
-    fields |= {name: about for name, about in of_few_rows.items() if about}
-    fields |= _of_strides(context, without_stride, uneven, without_gait)
+    fields |= {name: about[name] for name in (MISLABELLED, SHORT_CONTACTS, BACKWARDS) if about[name]}
+    fields |= _of_strides(context, without_stride, about[UNEVEN_STRIDES], about[WITHOUT_GAIT])
     return {name: fields[name] for name in summaries if name in fields}
+
+
+def _adders(
+    context: RunContext, feet: Mapping[str, str]
+) -> dict[str, Callable[[dict[str, Any], pd.DataFrame], None]]:
+    """The functions that add the rows of a part to what is known about rows of one kind, by field."""
+    gaits, shortest_contact = [*context.model.gaits, AT_REST], _shortest_contact(context)
+    return {
+        MISLABELLED: lambda known, part: _add_mislabelled(known, part, gaits),
+        UNEVEN_STRIDES: lambda known, part: add_uneven_strides(known, part, feet),
+        WITHOUT_GAIT: lambda known, part: add_without_gait(known, part, feet),
+        SHORT_CONTACTS: lambda known, part: add_short_contacts(
+            known, part, feet, shortest_contact, _periods(context)
+        ),
+        BACKWARDS: add_backwards,
+        "stalls": _add_stalls,
+    }
 
 
 def _of_strides(
@@ -319,7 +322,8 @@ def add_uneven_strides(
     """Add the rows of a part on which a foot lands more than once a stride, whose gait is none.
 
     The last stride of such a foot is shorter than its last stance, so that its duty factor is NaN; or, on an
-    orbit of one crossing, it is the shortest of strides that differ. Each row counts for one foot.
+    orbit of one crossing, it is the shortest of strides that differ. Each row counts for one foot; those that
+    settled with strides that differ over several crossings do not count.
 
     Args:
         uneven: by foot, the number of such rows, the first of them, and the shortest and the longest of the
@@ -330,11 +334,12 @@ def add_uneven_strides(
     rows, columns = _ended_without_gait(part, feet)
     rows = rows[rows[columns].notna().all(axis=1)]
     strides = rows[columns].to_numpy(float)
-    of_one_crossing = _are_settled(rows) & (rows["attractor_period"] == 1).to_numpy(bool)
-    several = _are_settled(rows) & ~of_one_crossing
+    uneven_and_settled = _are_settled(rows) & _are_uneven(strides)
+    of_one_crossing = (rows["attractor_period"] == 1).to_numpy(bool)
+    several = uneven_and_settled & ~of_one_crossing
     land_within = ~several[:, None] & _land_within(rows, columns)
     has_such = land_within.any(axis=1)
-    repeated = has_such | (of_one_crossing & _are_uneven(strides))
+    repeated = has_such | (uneven_and_settled & of_one_crossing)
     shortest = np.argmin(np.where(land_within | ~has_such[:, None], strides, np.inf), axis=1)
     for k, column in enumerate(columns):
         is_short = (shortest == k) & repeated
@@ -449,8 +454,9 @@ def _periods(context: RunContext) -> Callable[[Any], Float[np.ndarray, " rows"]]
 
 
 def _are_uneven(strides: Float[np.ndarray, "rows feet"]) -> Bool[np.ndarray, " rows"]:
-    """Mask of rows whose strides differ by more than those of legs that step together."""
-    return strides.min(axis=1, initial=np.inf) < (1.0 - TOGETHER) * strides.max(axis=1, initial=0.0)
+    """Mask of rows whose strides differ by more than those of a gait (`Footfalls.gait`)."""
+    first = strides[:, :1]
+    return np.any(np.abs(strides - first) > TOGETHER * first, axis=1)
 
 
 def _land_within(rows: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, "rows feet"]:

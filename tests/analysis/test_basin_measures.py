@@ -195,6 +195,16 @@ def test_stripes_and_discs_are_not_wada(label, distance: float) -> None:
     assert np.max(result["distance"]) >= distance
 
 
+def test_two_basins_have_no_wada_property_to_test() -> None:
+    """Two basins share their boundary whatever its shape; a third is one of the next panel alone."""
+    table = grid_table(
+        (99, 99), lambda x, y, p: np.minimum(np.floor(3 * x), p), circular=False, panels=[1.0, 2.0]
+    )
+    result = wada(table, by="p").set_index("p")[["distance", "within"]]
+    assert result.loc[1.0].isna().to_numpy().all()
+    assert result.loc[2.0].notna().to_numpy().all()
+
+
 def test_bounds_of_entropies() -> None:
     """The entropy of noise of k outcomes is near its bound ln k; that of a single basin is 0."""
     random = np.random.default_rng(2)

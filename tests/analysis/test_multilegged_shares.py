@@ -89,15 +89,38 @@ def test_curves_and_maps_show_the_edges_of_the_conditions() -> None:
     lines = {line.get_label(): np.asarray(line.get_data(), float) for line in axes.get_lines()}
     assert lines["source"][1].tolist() == [0.0, 0.5, 0.75]
     edges = [float(data[0][0]) for label, data in lines.items() if str(label).startswith("_")]
-    assert sorted(edges) == [0.5, 1.0]
+    assert sorted(edges) == pytest.approx([0.5, 1.0])
     some = table(kappa=[50.0, 200.0] * 6)
     *maps, bar = plot.draw("gait_shares", some, x="m_B", y="kappa").axes
     assert [each.get_title() for each in maps] == ["direct", "source", "retrograde", "none of these"]
     assert bar.get_ylabel() == "share of starts"
-    across = [line for line in maps[0].get_lines() if np.ptp(np.asarray(line.get_ydata(), float)) == 0.0]
-    assert np.asarray(across[-1].get_ydata())[0] == pytest.approx(9.8 / 0.4)
+    limits = [np.asarray(path.vertices) for each in maps[3].collections[1:] for path in each.get_paths()]
+    assert [np.ptp(limit, axis=0).argmin() for limit in limits] == [0, 0, 1]  # two upright, one across
+    assert [limits[0][0, 0], limits[1][0, 0], limits[2][0, 1]] == pytest.approx([0.5, 1.0, 9.8 / 0.4])
     with pytest.raises(plot.PlotError, match="m_b"):
         plot.draw("gait_shares", some, x="m_b")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("x", "values", "limits"),
+    [
+        ("m", (0.5, 1.0, 2.5), [0.9, 1.8]),
+        ("m_1", (0.4, 0.8, 1.1), [1.0]),  # the tail's mass, 0.9, is above m/2
+        ("g", (5.0, 20.0, 60.0), [40.0]),
+        ("L", (0.2, 0.5, 1.0), [0.4]),
+        ("a", (0.05, 0.4, 1.2), [0.098, 1.0]),
+        ("beta", (0.6, 0.7, 0.8), []),
+    ],
+)
+def test_limits_are_drawn_over_each_parameter_of_the_conditions(
+    x: str, values: tuple[float, ...], limits: list[float]
+) -> None:
+    some = table().rename(columns={"m_B": x}).assign(**{x: np.repeat(values, 4)})
+    (axes,) = plot.draw("gait_shares", some, x=x).axes
+    dashed = [line for line in axes.get_lines() if line.get_linestyle() == "--"]
+    drawn = sorted(float(np.asarray(line.get_xdata())[0]) for line in dashed)
+    assert drawn == pytest.approx(limits)
 
 
 @pytest.mark.slow

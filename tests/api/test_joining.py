@@ -124,6 +124,17 @@ def test_constants_that_cannot_be_filled_in_are_refused() -> None:
     assert gs.concat(swept, other)["phase_0"].tolist() == [0.1, 0.2, 0.3]
 
 
+def test_a_column_that_one_table_lacks_is_no_column_of_nan() -> None:
+    """Of tables without a job any column, of others an axis; what one run alone has recorded may be NaN."""
+    one, other = _table(["trot"]), _table(["trot"], mass=2.0).drop(columns="x_0")
+    with pytest.raises(gs.ArgumentError, match=r"x_0 is a column of table 1, but table 2 lacks it"):
+        gs.concat(one, other)
+    assert np.isnan(gs.concat(one.assign(lyapunov_1=-0.5), _table(["trot"]))["lyapunov_1"][1])
+    one.attrs = other.attrs = {"quantities": {"v_end": {"unit": "m/s"}}}
+    with pytest.raises(gs.ArgumentError, match=r"speed is a column of table 2, but table 1 lacks it"):
+        gs.concat(one.drop(columns="x_0"), other.assign(speed=1.0))
+
+
 def test_joined_tables_keep_the_order_of_gaits() -> None:
     """Gaits of the second table follow those of the first; without, pandas makes text of both columns."""
     slow = pd.DataFrame({"v": [1, 2], "gait": pd.Categorical(["trot", "walk"], ["walk", "trot", "none"])})

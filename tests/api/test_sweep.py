@@ -190,6 +190,8 @@ def test_a_result_shows_itself() -> None:
     assert "in memory" in repr(result)
     assert result._repr_html_().count("<tr>") == 5  # the first records
     assert result.figures == []
+    with pytest.raises(gs.ArgumentError, match="give path or table"):
+        type(result)()
     with pytest.raises(gs.ArgumentError, match="in memory, without a directory"):
         _ = result.path
     with pytest.raises(AttributeError, match=r"has no attrs; its table has: give \.table"):

@@ -162,6 +162,15 @@ def test_lags_of_touchdowns(broken: float) -> None:
     assert motion_measures.order_of_footfalls(together, row=0) == "1+4-2+3"
 
 
+@pytest.mark.parametrize(
+    ("first", "wanted"), [(0, "1+2+3-4"), (1, "1+2+4-3"), (2, "1+3+4-2"), (3, "1-2+3+4")]
+)
+def test_the_order_of_footfalls_does_not_depend_on_limb_1(first: int, wanted: str) -> None:
+    """Three limbs land 0.15 rad after each other, so the last is not within 0.2 rad of the first."""
+    lags = (0.0, 0.15, 0.3, np.pi)
+    assert motion_measures.order_of_footfalls(trace(lags[first:] + lags[:first]), row=0) == wanted
+
+
 def test_lags_are_on_the_requested_turn() -> None:
     """Foot 2 is 0.1 rad ahead of foot 1: -0.1 rad near 0, and 2 pi - 0.1 without."""
     table = trace((0.1, 0.0, 2.0, 3.0))

@@ -71,6 +71,13 @@ def test_the_orders_of_the_paper() -> None:
     assert gait_measures.chart_order(gait="trot") == "LF+RH-LH+RF"
 
 
+def test_an_order_does_not_depend_on_the_cut_of_the_cycle() -> None:
+    """RF and LH swing just before and just after LF, and then just before and just after RH."""
+    phases = {"LF": 0.0, "RH": 0.5}
+    assert gait_measures._order(phases | {"RF": 0.98, "LH": 0.02}) == "LF-RH-LH+RF"
+    assert gait_measures._order(phases | {"RF": 0.48, "LH": 0.52}) == "LF-LH+RF-RH"
+
+
 def test_a_gait_that_no_row_has_is_refused() -> None:
     with pytest.raises(MeasureError, match="has the gait L-walk"):
         gait_measures.swing_order(trace("trot"), gait="L-walk")

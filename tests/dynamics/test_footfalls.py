@@ -391,9 +391,17 @@ def test_a_settled_row_whose_foot_lands_more_than_once_a_stride_is_remarked() ->
     add_uneven_strides(uneven, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
     add_without_gait(reasons, bouncing, {"stride_1_end": "L", "stride_2_end": "R"})
     assert uneven == {"L": {"rows": 1, "row": 3, "contact": []}}
+    # on an orbit of several crossings too
+    both = bouncing.assign(attractor_period=2)
+    add_uneven_strides(uneven, both, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert uneven["L"]["rows"] == 2
     assert not reasons
     (sentence,) = remarks({"uneven_strides": {"feet": uneven, "body": True}})
     assert "foot L: its last contact is longer than that stride" in sentence
+    # strides differ by more than those of a gait, 1/16 of the first
+    longer = part.loc[[3]].assign(stride_2_end=0.96 * 1.064)
+    add_without_gait(reasons, longer, {"stride_1_end": "L", "stride_2_end": "R"})
+    assert not reasons
     # row 2's strides differ over two crossings, those of row 3 are equal, and row 4 has a foot that stands
     part.loc[4] = [4, "settled", 1, "none", 0.96, np.nan, 0.55, np.nan]
     add_without_gait(reasons, part, {"stride_1_end": "L", "stride_2_end": "R"})

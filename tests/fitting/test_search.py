@@ -361,6 +361,8 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
         ({"free": {"kick": [-1, 1]}}, "search.free.kick goes to -1, but must be at least 0"),
         ({"free": {"restitution": [0, 0.5]}}, "is free, but params.restitution fixes it"),
         ({"free": {"kick": {"low": 0.0, "high": 1.0, "log": True}}}, "equal ratios need a value above 0"),
+        ({"free": {"kick": {"low": 1e-300, "high": 1e300, "log": True}}}, "1e+300, whose ratio is no finite"),
+        ({"free": {"kick": [-1e308, 1e308]}}, "goes from -1e+308 to 1e+308, whose difference is no finite"),
         ({"free": {"kick": {"low": 1, "high": 9, "log": True, "whole": True}}}, "has log and whole"),
         ({"free": {"kick": [1, 2, 3]}}, "search.free.kick is a list (1, 2, 3), but takes [low, high]"),
         ({"free": {"kick": {"choices": [True, False]}}}, "has the choice true, but takes numbers"),

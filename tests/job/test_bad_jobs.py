@@ -268,6 +268,11 @@ LINES: list[tuple[int, str, list[str]]] = [
     ),
     (
         6,
+        "run: {kind: continuation, parameter: preload, path: [1, 2], without: [clock]}",
+        ["line 6", "run.without names variables that need not rest", "run.stationary"],
+    ),
+    (
+        6,
         "run: {kind: ramp, parameter: preload, path: 3, rate: 1}",
         ["line 6", "run.path is 3", "a list in brackets"],
     ),

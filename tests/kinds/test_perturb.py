@@ -24,6 +24,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.job import Job, JobError
+from gaitsweep.job.load import load_job
 from gaitsweep.kinds import Settle
 from gaitsweep.kinds.perturb import Perturb
 from tests.support.host_card import HostCard, compiler
@@ -446,7 +447,7 @@ def test_rows_of_a_joined_table_are_not_pushed() -> None:
     table.attrs = {"joined": [], "job": {"model": "hopper", "run": {"kind": "settle", "states": True}}}
     pushed_model = PushedModel(Hopper(), ("launch",), resumes=True)
     run = {"kind": "perturb", "push": ["launch"], "after": table}
-    _, wrong = Perturb.filled({"model": "hopper", "run": run}, pushed_model)
+    _, wrong = Perturb.filled({"model": "hopper", "run": run}, pushed_model, Path())
     assert "run.after is a table in memory: it is joined of several results" in str(wrong[0])
 
 
@@ -508,6 +509,19 @@ def test_a_job_holds_the_rows_of_its_earlier_table(tmp_path: Path) -> None:
     again = Job.model_validate(first.resolved())
     assert again.hash() == first.hash()
     np.testing.assert_array_equal(again.design.row(0)["state_launch"], first.design.row(0)["state_launch"])
+
+
+def test_the_directory_of_an_earlier_table_is_relative_to_the_jobs_folder(tmp_path: Path) -> None:
+    earlier(tmp_path / "results" / "gaits", omega=[12.0])
+    (tmp_path / "jobs").mkdir()
+    file = tmp_path / "jobs" / "pushed.yaml"
+    file.write_text(
+        "name: x\nmodel: gaitsweep.examples.hopper:Hopper\nvary: {push_launch: [0.1]}\n"
+        "run: {kind: perturb, push: [launch], after: ../results/gaits}\n"
+    )
+    assert load_job(file).resolved()["run"]["after"] == "../results/gaits"
+    with pytest.raises(JobError, match=r"run\.after is results/gaits: .*jobs/results/gaits"):
+        load_job(file, ["run.after=results/gaits"])
 
 
 @pytest.mark.parametrize(

@@ -185,6 +185,12 @@ def test_solution_set_says_why_it_has_no_lines() -> None:
     rendered(figure)
     assert figure.legends[0].get_title().get_text() == "No analytic solutions are drawn: beta varies."
     assert not plot.solution_set(settle_table(), axes=AXES, theory=False).axes[1].lines
+    other = settle_table()
+    other.attrs["job"] = {"model": "lab:Ring", "params": {"pull": 0.2}}
+    title = plot.solution_set(other, axes=AXES).legends[0].get_title().get_text()
+    assert title == "No analytic solutions are drawn: they are those of the multi-legged chain."
+    with pytest.raises(PlotError, match="not of the multi-legged chain"):
+        plot.chain_theory(other, show="sets")
     with pytest.raises(PlotError, match="three axes"):
         plot.solution_set(table, axes=AXES, points={"a": [1.0, 2.0]})
     with pytest.raises(PlotError, match="three observables"):

@@ -354,12 +354,12 @@ def test_stored_rows_that_are_not_reproduced_are_detected(
 @pytest.mark.filterwarnings("error")
 def test_observables_without_a_size_do_not_hide_changes() -> None:
     """Crossings at one instant, or a single one, have no interval; the change of x is still the worst."""
-    result = SelfCheck(rows=3, of=3)
+    result = SelfCheck(rows=3, of=3, finer="half the step")
     late, interval = np.array([[0.0], [0.0], [1e-9]]), np.array([[0.0], [np.nan], [np.nan]])
     result.record_changes((gs.Quantity("x", "m", "position"),), np.full((3, 1), 1e-6), np.ones(1))
     result.record_changes((gs.Quantity("t", "s", "time"),), late, interval)
     assert (result.worst["name"], result.largest) == ("x", {"x": 1e-6, "t": 1e-9})
-    hidden = SelfCheck(rows=1, of=1)
+    hidden = SelfCheck(rows=1, of=1, finer="half the step")
     size = np.array([1.0, np.nan])
     quantities = (gs.Quantity("x", "m", "position"), gs.Quantity("v", "m/s", "speed"))
     hidden.record_changes(quantities[:1], np.array([[1e-6], [2e-6]]), size[:, None])

@@ -240,8 +240,8 @@ def wada(
 ) -> pd.DataFrame:
     """Test whether the basins of a table have the Wada property, by merging.
 
-    The property is one of three basins or more: with two outcomes each has the boundary of the other. The
-    test is no proof: boundaries that differ by less than the distance of two starts pass.
+    The property is one of three basins or more: two have one boundary in common, whatever its shape. The test
+    is no proof: boundaries that differ by less than the distance of two starts pass.
 
     Args:
         table: a settle table of which the starts of each panel form a grid.
@@ -253,8 +253,8 @@ def wada(
     Returns:
         A record for each panel and two outcomes: outcome, other, cells (of the boundary of `outcome` with all
         others merged), distance (from its farthest cell to the boundary of `other`, in steps), within (the
-        share of its cells at most the radius away). The property holds at this resolution if every
-        `distance` is at most the radius.
+        share of its cells at most the radius away). Both are NaN in a panel of two outcomes. The property
+        holds at this resolution if every `distance` is at most the radius.
 
     Raises:
         AnalysisError: the table does not have a column, its starts form no grid, or `radius` is not above 0.
@@ -289,7 +289,7 @@ def boundaries_nearby(
         radius: distance in steps within which two boundaries count as the same.
 
     Returns:
-        The records of `wada`.
+        The records of `wada`; none of a single basin.
     """
     cells = np.stack(np.unravel_index(grid.place, grid.lengths), axis=1)
     period = [length if wraps else 0 for length, wraps in zip(grid.lengths, grid.wraps, strict=True)]
@@ -302,9 +302,11 @@ def boundaries_nearby(
         for other_name, tree in zip(names, trees, strict=True):
             if other_name != name:
                 away = tree.query(edge)[0]
-                within = float(np.mean(away <= radius))
+                farthest, within = float(away.max()), float(np.mean(away <= radius))
+                if len(names) < 3:
+                    farthest = within = float("nan")
                 pair = BoundaryDistance(
-                    outcome=name, other=other_name, cells=len(edge), distance=away.max(), within=within
+                    outcome=name, other=other_name, cells=len(edge), distance=farthest, within=within
                 )
                 records.append(pair)
     return records

@@ -280,7 +280,7 @@ def touchdown_lags(
 
 @measure
 def order_of_footfalls(table: pd.DataFrame, *, row: int) -> str:
-    """Limbs in their order of touchdown from limb 1 on, those that land together joined by +.
+    """Limbs in their order of touchdown from limb 1 on; + joins those that land together with the one before.
 
     Args:
         table: a trace.
@@ -289,13 +289,15 @@ def order_of_footfalls(table: pd.DataFrame, *, row: int) -> str:
     Raises:
         AnalysisError: as for `touchdown_lags`.
     """
-    lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]], near=[math.pi - _TOGETHER] * 3)
-    order = sorted(zip([0.0, *lags], "1234", strict=True))
+    lags = touchdown_lags(table, row=row, pairs=[[1, 2], [1, 3], [1, 4]])
+    order = sorted(zip(np.mod([0.0, *lags], TURN), "1234", strict=True))
     groups = [[order[0][1]]]
     for (before, _), (after, limb) in itertools.pairwise(order):
         if after - before > _TOGETHER:
             groups.append([])
         groups[-1].append(limb)
+    if TURN - order[-1][0] <= _TOGETHER:  # limb 1 lands together with the last one
+        groups[0] += groups.pop()
     return "-".join("+".join(sorted(limbs)) for limbs in groups)
 
 

@@ -336,26 +336,15 @@ def _stance_time(trace: pd.DataFrame) -> float:
 
 def _order(phases: dict[str, float]) -> str:
     """The legs in the order of their phases (cycles), from LF; both legs of a pair in phase are joined."""
-    mates = dict(PAIRS) | {hind: fore for fore, hind in PAIRS}
-
-    def after(leg: str) -> float:
-        ahead = (phases[leg] - phases["LF"]) % 1.0
-        # a leg that swings with LF may be slightly before it
-        return ahead - 1.0 if leg == mates["LF"] and ahead > 1.0 - THRESHOLD else ahead
-
-    legs = sorted(LEGS, key=after)
-    steps: list[str] = []
-    while legs:
-        leg = legs.pop(0)
-        mate = mates[leg]
-        lag = abs((phases[leg] - phases[mate] + 0.5) % 1.0 - 0.5)
-        if mate in legs and lag <= THRESHOLD:
-            legs.remove(mate)
-            steps.append("+".join(sorted((leg, mate))))
+    steps: dict[str, float] = {}
+    for one, other in PAIRS:
+        lag = (phases[other] - phases[one] + 0.5) % 1.0 - 0.5
+        if abs(lag) <= THRESHOLD:  # the first leg of a pair in phase counts, wherever the cycle is cut
+            steps["+".join(sorted((one, other)))] = phases[one] + min(lag, 0.0)
         else:
-            steps.append(leg)
-    first = next(i for i, step in enumerate(steps) if "LF" in step)
-    return "-".join(steps[first:] + steps[:first])
+            steps |= {leg: phases[leg] for leg in (one, other)}
+    first = next(step for step in steps if "LF" in step)
+    return "-".join(sorted(steps, key=lambda step: (step != first, (steps[step] - steps[first]) % 1.0)))
 
 
 @measure

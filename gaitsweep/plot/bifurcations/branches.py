@@ -41,6 +41,7 @@ def branches(
 
     Raises:
         PlotError: the table lacks a column.
+        AnalysisError: the bandwidth is not above 0.
     """
     name = column(table, y, ("_n", ""))
     require_columns(table, x, "row", "crossing")

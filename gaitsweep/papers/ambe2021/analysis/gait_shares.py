@@ -8,7 +8,7 @@ from functools import partial
 import jax
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from gaitsweep.analyses import AnalysisError, fractions, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
@@ -105,15 +105,25 @@ def _existing_waves(N: int, chains: Chain) -> dict[str, jax.Array]:
     return jax.vmap(partial(existing_waves, N))(chains)
 
 
+def printed_margins(table: pd.DataFrame, sets: pd.DataFrame) -> Float[np.ndarray, "conditions sets"]:
+    """By how much each of m/2 < m_B, m_B < m, m g < a kappa and a < L holds; those of all inner legs.
+
+    Args:
+        table, sets: as for `existence`.
+
+    Raises:
+        AnalysisError: the job's parameters cannot be read.
+    """
+    chains = chains_of(table, sets)
+    m_B = np.maximum(chains.m_1, chains.m_end)  # of the end that touches by more
+    # with a profile those of the extreme inner legs
+    m, kappa, a = (np.asarray(field).reshape(len(sets), -1) for field in (chains.m, chains.kappa, chains.a))
+    below_spring = a.min(axis=1) * kappa.min(axis=1) - m.max(axis=1) * chains.g
+    below_leg = parameters_of(table, sets)["L"] - a.max(axis=1)
+    return np.stack([m_B - 0.5 * m.max(axis=1), m.min(axis=1) - m_B, below_spring, below_leg])
+
+
 def _conditions(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndarray, " sets"]]:
     """The columns `conditions` and NAME_hold of sets of parameters, as `gait_shares` returns them."""
-    chains = chains_of(table, sets)
-    L = np.broadcast_to(parameters_of(table, sets)["L"], (len(sets),))
-    m_B = np.maximum(chains.m_1, chains.m_end)
-    # with a profile the printed conditions are those of every inner leg, so of the extreme ones
-    m, kappa, a = (np.asarray(field).reshape(len(sets), -1) for field in (chains.m, chains.kappa, chains.a))
-    sag = m.max(axis=1) * chains.g / kappa.min(axis=1)
-    printed = (0.5 * m.max(axis=1) < m_B) & (m_B < m.min(axis=1))
-    printed &= (sag < a.min(axis=1)) & (a.max(axis=1) < L)
     holds = {f"{gait}_hold": exists for gait, exists in existence(table, sets).items()}
-    return {"conditions": np.asarray(printed), **holds}
+    return {"conditions": np.all(printed_margins(table, sets) > 0.0, axis=0), **holds}

@@ -14,14 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from gaitsweep import near_miss
-from gaitsweep.papers.ambe2021.analysis.gait_shares import existence
+from gaitsweep.papers.ambe2021.analysis.gait_shares import existence, printed_margins
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares as shares_of
-from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
-    parameters_of,
-    profile_of,
-    set_columns,
-    without_phases,
-)
+from gaitsweep.papers.ambe2021.multilegged.chain_of_table import profile_of, set_columns, without_phases
+from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
 from gaitsweep.papers.ambe2021.theory.gaits import WAVES
 from gaitsweep.plot import (
     TEXT_COLUMNS,
@@ -43,7 +39,9 @@ from gaitsweep.plot import (
 _SHARES = (*WAVES, "elsewhere")
 _BINNED_FROM, _SETS_PER_BIN = 1000, 4  # sets from which a map has bins, and their mean number in one
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--"}
-_EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1}
+# white around black shows on dark cells and on light ones
+_CASED = {**_EDGE, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
+_EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1, "ls": "-"}
 _LINES = {
     "m/2 < m$_B$ < m, m g/κ < a < L": _EDGE,
     "edge of where the wave is a motion of the chain": _EXACT,
@@ -76,8 +74,8 @@ def gait_shares(
 
     Curves have their 95 % intervals. Dashed lines are the limits of m/2 < m_B < m and of m g/kappa < a < L,
     solid ones those of the exact conditions (`existence`); parameters that are not on the axes are those of
-    the job, or of Table 1 if they vary. With a profile there are no dashed lines. If the sets form no grid,
-    a map has a point for each, or, of many, the means of bins.
+    the job, or of Table 1 if they vary. With a profile the limits are those of all inner legs. If the sets
+    form no grid, a map has a point for each, or, of many, the means of bins.
 
     Args:
         table: a settle table of the multi-legged chain, several starts for each set of parameters.
@@ -104,9 +102,7 @@ def gait_shares(
             axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())  # lines leave them as they are
             axes.set_title(_label(gait))
             axes.set_xlabel(axis_label(table, x))
-            _edges(axes, table, x, y)
-            if gait in WAVES:
-                _contour(axes, table, x, y, gait)
+            _contours(axes, table, x, y, gait)
         for axes in panels[::across]:
             axes.set_ylabel(described(table, y, 24))
         for axes in panels[:-across]:
@@ -177,35 +173,9 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
                 band = (shares[x], shares[f"{gait}_low"], shares[f"{gait}_high"])
                 axes.fill_between(*band, color=colour[gait], alpha=0.18, lw=0)
         axes.set(xlim=axes.get_xlim(), ylim=(-0.02, 1.02))
-        _edges(axes, table, x, None)
-        for gait in WAVES:
-            _mark_turns(axes, table, x, gait)
+        _mark_limits(axes, table, x)
         theme.legend(figure, ncols=4)
     return figure
-
-
-def _edges(axes: Axes, table: pd.DataFrame, x: str, y: str | None) -> None:
-    """The limits of the conditions that depend on the axes, with all other parameters as in the job.
-
-    A profile has none, since its inner legs do not share one m, kappa and a.
-    """
-    if profile_of(table):
-        return
-    along = _along(axes.get_xlim(), 401, axes.get_xscale())
-    sets = pd.DataFrame({x: along})
-    values = parameters_of(table, sets)
-    m, g = values["m"], values["g"]
-    limits = [("m_B", 0.5 * m), ("m_B", m), ("kappa", m * g / values["a"])]
-    limits += [("a", m * g / values["kappa"]), ("a", values["L"])]
-    # white around black shows on dark cells and on light ones
-    cased = {**_EDGE, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
-    # kappa and a limit each other, so that one of them along y is enough
-    upright = x if x == "m_B" or y not in ("kappa", "a") else ""
-    for name, limit in limits:
-        if name == y:
-            axes.plot(along, np.broadcast_to(limit, along.shape), **cased)
-        elif name == upright:
-            axes.axvline(float(np.ravel(limit)[0]), **cased)
 
 
 def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.ndarray, " places"]:
@@ -215,28 +185,43 @@ def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.nda
     return np.linspace(*limits, number)
 
 
-def _above_zero(limits: tuple[float, float]) -> tuple[float, float]:
-    """The limits of an axis, of which parameters are above zero and a figure's margin may not be."""
-    return max(limits[0], 1e-3 * limits[1]), limits[1]
+def _inside(table: pd.DataFrame, name: str, limits: tuple[float, float]) -> tuple[float, float]:
+    """The limits of an axis without the figure's margin below zero, if the parameter is above it."""
+    parameters = (*PARAMETERS, *profile_of(table).values())
+    positive = {quantity.name for quantity in parameters if quantity.low == 0.0}
+    return (max(limits[0], 1e-3 * limits[1]), limits[1]) if name in positive else limits
 
 
-def _mark_turns(axes: Axes, table: pd.DataFrame, x: str, gait: str) -> None:
-    """An upright line where a gait begins or ends to exist along x, unless another line is there."""
-    along = _along(_above_zero(axes.get_xlim()), 241, axes.get_xscale())
-    exists = existence(table, pd.DataFrame({x: along}))[gait]
-    others = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
-    for turn in np.flatnonzero(np.diff(exists.astype(int))):
-        at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
-        if min(abs(at - other) for other in others) > step:
-            axes.axvline(at, zorder=0, **_EXACT)
+def _mark_limits(axes: Axes, table: pd.DataFrame, x: str) -> None:
+    """Upright lines along x: at the limits of conditions, and where a gait begins or ends to exist.
+
+    The latter are left out where another line is. Other parameters are those of the job.
+    """
+    along = _along(_inside(table, x, axes.get_xlim()), 241, axes.get_xscale())
+    sets = pd.DataFrame({x: along})
+    for margin in printed_margins(table, sets):
+        for turn in np.flatnonzero(np.diff(margin > 0.0)):
+            low, high = margin[turn : turn + 2]
+            axes.axvline(along[turn] + (along[turn + 1] - along[turn]) * low / (low - high), **_CASED)
+    for exists in existence(table, sets).values():
+        others = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
+        for turn in np.flatnonzero(np.diff(exists)):
+            at, step = 0.5 * (along[turn] + along[turn + 1]), along[turn + 1] - along[turn]
+            if min(abs(at - other) for other in others) > step:
+                axes.axvline(at, zorder=0, **_EXACT)
 
 
-def _contour(axes: Axes, table: pd.DataFrame, x: str, y: str, gait: str) -> None:
-    """The edge of the region in which a gait exists, over x and y."""
-    along = _along(_above_zero(axes.get_xlim()), 161, axes.get_xscale())
-    up = _along(_above_zero(axes.get_ylim()), 161, axes.get_yscale())
+def _contours(axes: Axes, table: pd.DataFrame, x: str, y: str, gait: str) -> None:
+    """The limits of conditions over x and y, and the edge of the region in which a gait exists."""
+    along = _along(_inside(table, x, axes.get_xlim()), 161, axes.get_xscale())
+    up = _along(_inside(table, y, axes.get_ylim()), 161, axes.get_yscale())
     across, upwards = np.meshgrid(along, up)
-    exists = existence(table, pd.DataFrame({x: across.ravel(), y: upwards.ravel()}))[gait]
-    if exists.any() and not exists.all():
-        style = {"colors": _EXACT["color"], "linewidths": _EXACT["lw"]}
-        axes.contour(along, up, exists.reshape(across.shape).astype(float), [0.5], **style)
+    sets = pd.DataFrame({x: across.ravel(), y: upwards.ravel()})
+    drawn = [(margin, _CASED) for margin in printed_margins(table, sets)]
+    if gait in WAVES:
+        drawn.append((existence(table, sets)[gait] - 0.5, _EXACT))
+    for values, style in drawn:
+        if values.min() < 0.0 < values.max():
+            lines = {"colors": style["color"], "linewidths": style["lw"], "linestyles": style["ls"]}
+            contour = axes.contour(along, up, values.reshape(across.shape), [0.0], **lines)
+            contour.set(path_effects=style.get("path_effects"))

@@ -18,6 +18,7 @@ from gaitsweep.analyses import in_order
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
+    may_be_of_chain,
     profile_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
@@ -210,6 +211,8 @@ def _legend(
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pieces 2 3"], str | None]:
     """The ends of the analytic pieces on section 1, and a reason if there are no pieces."""
     none = np.zeros((0, 2, 3))
+    if not may_be_of_chain(table):
+        return none, "they are those of the multi-legged chain."
     if any(name.removesuffix("_end") not in _PSI for name in axes):
         return none, "they are known for psi_1, psi_2 and psi_3 only."
     if "psi_4_end" in table.columns:

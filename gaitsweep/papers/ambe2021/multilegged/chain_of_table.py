@@ -30,7 +30,7 @@ def chain_of(table: pd.DataFrame, part: pd.DataFrame | None = None) -> Chain:
         part: the part of the table whose first row counts; by default all of it.
 
     Raises:
-        AnalysisError: the job's parameters cannot be read.
+        AnalysisError: the job's parameters cannot be read, or are those of another model.
     """
     part = table if part is None else part
     fields = [np.asarray(field, float)[0] for field in chains_of(table, part.head(1))]
@@ -61,6 +61,8 @@ def chains_of(table: pd.DataFrame, sets: pd.DataFrame) -> Chain:
 
 def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     """The chain's parameters without dampers, numbers or (n,); arguments and errors as for `chains_of`."""
+    if not may_be_of_chain(table):
+        raise AnalysisError("The table is not of the multi-legged chain: it lacks the chain's parameters.")
     # the theory has no dampers, and the root in their formulas has no value where an axis ends below zero
     defaults = {
         quantity.name: quantity.default
@@ -72,6 +74,13 @@ def parameters_of(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Any]:
     if (N := _springs_with_profile(table)) is not None:
         settings["N"] = N
     return _evaluated(settings, defaults)
+
+
+def may_be_of_chain(table: pd.DataFrame) -> bool:
+    """Whether a table's model is the chain, has all parameters of its theory, or is unknown."""
+    model = (table.attrs.get("job") or {}).get("model")
+    known = {*_job(table, "params"), *table.columns, *table.attrs.get("quantities", {})}
+    return model in (None, "multilegged", "multilegged_reduced") or known >= set(Chain._fields)
 
 
 def constants_of(
