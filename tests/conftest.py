@@ -25,6 +25,8 @@ keep_compiled_programs()
 
 import jax  # noqa: E402
 
+from tests.support import UNOPTIMISED  # noqa: E402
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -72,10 +74,8 @@ def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
 
 def _unoptimised_over_points(function: Callable[..., Any]) -> Callable[..., Any]:
     """`map_derivatives.over_points` in a fifth of the compile time; results differ by rounding."""
-    options: dict[str, Any] = {"xla_backend_optimization_level": 0}
-    if jax.default_backend() == "cpu" and jax.__version_info__ < (0, 11):
-        options["xla_cpu_use_fusion_emitters"] = False
-    return jax.jit(jax.vmap(function), compiler_options=options)
+    on_cpu = jax.default_backend() == "cpu"
+    return jax.jit(jax.vmap(function), compiler_options=UNOPTIMISED if on_cpu else None)
 
 
 @pytest.hookimpl(tryfirst=True)
