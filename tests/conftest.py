@@ -25,6 +25,8 @@ keep_compiled_programs()
 
 import jax  # noqa: E402
 
+from tests.support import UNOPTIMISED  # noqa: E402
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # so that sweeps over several devices are tested anywhere
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -49,11 +51,14 @@ def pytest_configure(config: pytest.Config) -> None:
         check_shapes()
     from gaitsweep.engine import stored_traces  # after the hook that checks shapes
     from gaitsweep.engine.kernel import cpu_program, row_kernel
+    from gaitsweep.engine.poincare import map_derivatives
 
     # tests replace parts of the engine, and the programs of one would be given to another
     stored_traces.cache_folder = lambda _: None
     # tests compile more than a thousand kernels, most of them for a few rows
     cpu_program.loaded_once = row_kernel.loaded_once = _compiled_quickly(cpu_program.loaded_once)
+    # and hundreds of maps, whose programs are little beside the kernels in them
+    map_derivatives.over_points = _unoptimised_over_points
 
 
 def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
@@ -65,6 +70,12 @@ def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
         return loaded_once(*args, quick=True)
 
     return quickly
+
+
+def _unoptimised_over_points(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`map_derivatives.over_points` in a fifth of the compile time; results differ by rounding."""
+    on_cpu = jax.default_backend() == "cpu"
+    return jax.jit(jax.vmap(function), compiler_options=UNOPTIMISED if on_cpu else None)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -13,6 +13,7 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
@@ -31,6 +32,7 @@ def direct(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
         "run.path=[0.97, 1.04]",
         "run.step=0.08",
         "run.most=20",
+        "verify=0",
     ]
     job = load_job(SWEEPS / "multilegged_continuation_grid.yaml", changes)
     return gs.load(gs.run(job, out=tmp_path_factory.mktemp("direct")).path)
@@ -133,7 +135,15 @@ def quadruped() -> BatchedReturnMap:
     return BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
 
 
+@pytest.fixture
+def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile kernels with optimisation, which takes less time here than it saves."""
+    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
+    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("optimised_kernels")
 @pytest.mark.parametrize(
     ("parameter", "fixed", "begin", "towards", "delta_13", "lost"),
     [
@@ -156,7 +166,7 @@ def test_stability_limits_agree_with_those_of_staircases(
     Holds are simulated forward, with no derivative: sweeps/waist_quadruped_2_edges.yaml and
     _2_beta_edges.yaml.
     """
-    points, _ = quadruped.settled({"delta_13": delta_13}, {**fixed, parameter: begin}, 60)
+    points, _ = quadruped.settled({"delta_13": delta_13}, {**fixed, parameter: begin}, 25)
     within = {"f": (2.0, 3.2), "beta": (0.745, 0.756)}[parameter]
     table = continuation(
         quadruped,
@@ -166,7 +176,7 @@ def test_stability_limits_agree_with_those_of_staircases(
         within=within,
         begin=begin,
         towards=towards,
-        steps=ArclengthSteps(0.02, 0.05, 4e-3, most=14),
+        steps=ArclengthSteps(0.02, 0.05, 4e-3, most=10),
     )
     unstable = table["point"].to_numpy()[~table["stable"].to_numpy(bool)]
     # it has gone around: towards the edge, and back on the unstable side

@@ -55,14 +55,18 @@ def drawn(p, s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("roughness", "rounds", "decade"), [(0.03, 32, 4), (0.02, 200, 8), (0.018, 16, 9)])
+@pytest.mark.parametrize(
+    ("roughness", "choices", "decade"),
+    [(0.03, {"rounds": 32}, 4), (0.02, {"rounds": 120, "scales": [3.5]}, 8), (0.018, {"rounds": 16}, 9)],
+    ids=["0.03", "0.02", "0.018"],
+)
 def test_rare_falls_of_a_wheel_are_those_of_its_transition_matrix(
-    roughness: float, rounds: int, decade: int
+    roughness: float, choices: dict[str, Any], decade: int
 ) -> None:
     """From 10^4 steps to ten thousand million: within 4 standard errors, and within 10 % up to 1e8."""
     exact = by_matrix(roughness, 800)
     assert int(np.log10(exact)) == decade
-    found = gs.return_map(RimlessWheel(), roughness=roughness).rare_falls("roughness", drawn, rounds=rounds)
+    found = gs.return_map(RimlessWheel(), roughness=roughness).rare_falls("roughness", drawn, **choices)
     low, high = found.steps_interval
     assert abs(np.log(found.steps / exact)) < np.log(high / low)  # an interval is 4 standard errors wide
     if decade < 9:
@@ -80,7 +84,7 @@ def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
     """Common and rare falls over two parameters, within 4 standard errors and 20 %; 6 rounds give 5 %."""
     both = {"roughness": [0.2, 0.06, 0.03], "slope": [0.12, SLOPE, 0.13]}
     wheel = gs.return_map(RimlessWheel(), zip=both)
-    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=6)
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=6, scales=[1.0, 2.0, 3.0])
     exact = [by_matrix(row.roughness, 800, row.slope) for row in table.itertuples()]
     assert exact[0] < 5.0
     assert exact[2] > 1e3

@@ -92,9 +92,8 @@ def test_default_numerics_of_the_planar_quadruped() -> None:
 
 @pytest.mark.slow
 def test_the_quadruped_with_a_waist_with_numerics_left_out() -> None:
-    verdicts, _ = compared(waist_quadruped_sets.subject, sets=5, seed=2, crossings=2, workers=2)
-    assert holds(verdicts)
-    assert counts(verdicts)[SOUND] >= 4
+    verdicts, _ = compared(waist_quadruped_sets.subject, sets=3, seed=2, crossings=2, workers=1)
+    assert counts(verdicts)[SOUND] == 3
     assert max(v.apart for v in verdicts if v.outcome == SOUND and v.ours.observed) < 1e-3
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from tests.support import unoptimised_flags
 from tests.support.installed_packages import ROOT, install, run_module
 
 
 @pytest.mark.slow
-def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path) -> None:
+def test_the_compass_gait_is_a_package_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Installed by pip, it has models, claims with verdicts, an analysis and tests of its own."""
+    monkeypatch.setenv("XLA_FLAGS", unoptimised_flags())
     package = str(ROOT / "docs/papers/goswami1998")
     site = install(tmp_path, package)
     described = run_module(tmp_path, "gaitsweep", "models", "goswami1998", site=site)

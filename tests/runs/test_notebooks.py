@@ -16,6 +16,7 @@ from nbclient import NotebookClient
 from nbformat import NotebookNode
 
 from gaitsweep.shipped import EXAMPLES
+from tests.support import unoptimised_flags
 
 FOLDER = Path(__file__).parents[2] / "notebooks"
 MOST_BYTES = 300_000  # outputs included
@@ -176,6 +177,7 @@ def test_a_notebook_runs_and_its_claims_hold(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("XLA_FLAGS", unoptimised_flags())
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     run = notebook(name)

@@ -90,6 +90,11 @@ def in_batches(
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
 
 
+def over_points(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The program that evaluates a function of one point for many, whose arrays have them as first axis."""
+    return jax.jit(jax.vmap(function))
+
+
 @cached_by_content(maxsize=64)
 def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[..., Any]:
     """The map of a batch of points and its derivatives, compiled for each batch size."""
@@ -112,7 +117,7 @@ def _program(mapping: Map, over: str | None, *, derivatives: bool) -> Callable[.
             slopes = jnp.concatenate([jnp.full((size, size), jnp.nan), gradients])
         return (*outputs, slopes)
 
-    program = jax.jit(jax.vmap(of_point))
+    program = over_points(of_point)
     compiled: set[int] = set()
 
     def of_batch(values: Any, at: Float[np.ndarray, "points coordinates"], modes: State) -> Any:

@@ -19,6 +19,7 @@ from gaitsweep.contract import Chart, Model, Params, Quantity, State
 from gaitsweep.engine.carry import Integer, select
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
+from gaitsweep.engine.poincare import map_derivatives
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
 from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values, column, group_of
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
@@ -201,7 +202,7 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
             images[name] = jnp.where(status == ReturnStatus.crossed, coordinates, jnp.nan), crossed
         return images
 
-    return jax.jit(jax.vmap(of_point))
+    return map_derivatives.over_points(of_point)
 
 
 @cached_by_content(maxsize=16)
@@ -225,4 +226,4 @@ def _settler(mapping: ModelMap, cycles: int) -> Callable[..., Any]:
         crossed = jnp.asarray(ReturnStatus.crossed, jnp.int32)
         return jax.lax.fori_loop(0, cycles, apply, (start, crossed))
 
-    return jax.jit(jax.vmap(settle))
+    return map_derivatives.over_points(settle)

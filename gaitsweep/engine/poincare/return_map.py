@@ -21,6 +21,7 @@ from gaitsweep.contract import Chart, HybridModel, Params, Rates, State
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.leaves import extended
 from gaitsweep.engine.numerics import Numerics, ResolvedNumerics
+from gaitsweep.engine.poincare import map_derivatives
 from gaitsweep.engine.poincare.map_derivatives import BATCH_SIZES, in_batches
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
@@ -132,7 +133,7 @@ def _recorder(mapping: BatchedReturnMap) -> Callable[..., EventRecord]:
         state = mapping.chart.from_coordinates(params, at, modes)
         return _recorded_return(model, mapping.integration, mapping.engine)(params, state)
 
-    return jax.jit(jax.vmap(of_point))
+    return map_derivatives.over_points(of_point)
 
 
 def _recorded_return(
