@@ -6,6 +6,7 @@ methods, Exp. Math. 14 (2005) 99-117.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -181,7 +182,7 @@ def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
         off_zero = _filled(_of_power(steady, k, base, operation.results[0]), base[0])
         at_zero = _filled(_power_by_digits(operation, steady, k, base), base[0])
         is_whole = (steady == jnp.floor(steady)) & (steady >= 0.0) & (steady < 2.0**_DIGITS)
-        return [jnp.where((base[0] == 0.0) & is_whole, _without_derivative(steady, at_zero), off_zero)]
+        return [jnp.where((base[0] == 0.0) & is_whole, _without_derivative()(steady, at_zero), off_zero)]
     # a^b = exp(b log a)
     logarithm = operation.auxiliary.setdefault("logarithm", [jnp.log(base[0])])
     while len(logarithm) <= k:
@@ -230,15 +231,22 @@ def _power_by_digits(operation: Operation, exponent: Value, k: int, base: Series
     return power[k]
 
 
-@jax.custom_jvp
-def _without_derivative(exponent: Value, coefficient: Value) -> Value:
-    """A coefficient of a power at zero, whose derivative by the exponent, with a logarithm, is NaN."""
-    return coefficient
+@functools.cache
+def _without_derivative() -> Callable[[Value, Value], Value]:
+    """The function `(exponent, coefficient)` that returns the coefficient of a power at zero.
 
+    Its derivative by the exponent, which has a logarithm, is NaN.
+    """
 
-@_without_derivative.defjvp
-def _(primals: tuple[Value, Value], tangents: tuple[Value, Value]) -> tuple[Value, Value]:
-    return primals[1], jnp.where(tangents[0] == 0.0, tangents[1], jnp.nan)
+    @jax.custom_jvp
+    def unchanged(exponent: Value, coefficient: Value) -> Value:
+        return coefficient
+
+    @unchanged.defjvp
+    def _(primals: tuple[Value, Value], tangents: tuple[Value, Value]) -> tuple[Value, Value]:
+        return primals[1], jnp.where(tangents[0] == 0.0, tangents[1], jnp.nan)
+
+    return unchanged
 
 
 def _derivative(slope: Callable[[Operation, int], Series]) -> Rule:
