@@ -39,8 +39,6 @@ from gaitsweep.plot import (
 _SHARES = (*WAVES, "elsewhere")
 _BINNED_FROM, _SETS_PER_BIN = 1000, 4  # sets from which a map has bins, and their mean number in one
 _EDGE: dict[str, Any] = {"color": "black", "lw": 0.9, "ls": "--"}
-# white around black shows on dark cells and on light ones
-_CASED = {**_EDGE, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
 _EXACT: dict[str, Any] = {"color": "#D55E00", "lw": 1.1, "ls": "-"}
 _LINES = {
     "m/2 < m$_B$ < m, m g/κ < a < L": _EDGE,
@@ -178,6 +176,11 @@ def _curves(table: pd.DataFrame, x: str, title: str | None) -> Figure:
     return figure
 
 
+def _cased() -> dict[str, Any]:
+    """The style of a limit over cells: white around black shows on dark ones and on light ones."""
+    return {**_EDGE, "path_effects": [withStroke(linewidth=2.0, foreground="white")]}
+
+
 def _along(limits: tuple[float, float], number: int, scale: str) -> Float[np.ndarray, " places"]:
     """Places of an axis, evenly spread on the page."""
     if scale == "log":
@@ -202,7 +205,7 @@ def _mark_limits(axes: Axes, table: pd.DataFrame, x: str) -> None:
     for margin in printed_margins(table, sets):
         for turn in np.flatnonzero(np.diff(margin > 0.0)):
             low, high = margin[turn : turn + 2]
-            axes.axvline(along[turn] + (along[turn + 1] - along[turn]) * low / (low - high), **_CASED)
+            axes.axvline(along[turn] + (along[turn + 1] - along[turn]) * low / (low - high), **_cased())
     for exists in existence(table, sets).values():
         others = [float(np.asarray(line.get_xdata(), float)[0]) for line in axes.get_lines()]
         for turn in np.flatnonzero(np.diff(exists)):
@@ -217,7 +220,7 @@ def _contours(axes: Axes, table: pd.DataFrame, x: str, y: str, gait: str) -> Non
     up = _along(_inside(table, y, axes.get_ylim()), 161, axes.get_yscale())
     across, upwards = np.meshgrid(along, up)
     sets = pd.DataFrame({x: across.ravel(), y: upwards.ravel()})
-    drawn = [(margin, _CASED) for margin in printed_margins(table, sets)]
+    drawn = [(margin, _cased()) for margin in printed_margins(table, sets)]
     if gait in WAVES:
         drawn.append((existence(table, sets)[gait] - 0.5, _EXACT))
     for values, style in drawn:
