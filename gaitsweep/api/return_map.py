@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, overload
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 from gaitsweep import near_miss
 from gaitsweep.analysis.basins.fractions import LEVEL
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import FixedPoints
+from gaitsweep.analysis.continuation.newton import FixedPoints, NewtonOutcome
 from gaitsweep.analysis.phase_response import phase_response
 from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, TooFewFallsError, rare_falls
 from gaitsweep.analysis.records import names_in
@@ -73,16 +74,21 @@ class PoincareMap(FixedPointsOfModel):
     def jacobian(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points coordinates coordinates"]:
         """Return the Jacobian over the coordinates, (n, size, size); (size, size) for one array (size,).
 
+        It is NaN if a trajectory falls or does not return to the section.
+
         Raises:
             ArgumentError: the map has no derivative.
         """
         self._require_fixed_points()
         points, single = self._points(x)
-        jacobians = self.mapping.linearised(points, self._values).jacobian
+        images = self.mapping.linearised(points, self._values)
+        jacobians = np.where(images.sound[:, None, None], images.jacobian, np.nan)
         return jacobians[0] if single else jacobians
 
     def multipliers(self, x: SectionPoints | ArrayLike) -> Inexact[np.ndarray, "*points coordinates"]:
         """Return the Floquet multipliers of fixed points, complex (n, size), largest modulus first.
+
+        They are NaN, with a warning, of points of `fixed_points` that did not converge.
 
         Args:
             x: fixed points, as `fixed_points` gives them; of the gait to which a start settles:
@@ -104,7 +110,16 @@ class PoincareMap(FixedPointsOfModel):
             >>> [hops.multipliers(gait).prod().real.round(4).item() for gait in gaits]
             [0.7, 0.7]
         """
-        return multipliers(self.jacobian(x))
+        factors = multipliers(self.jacobian(x))
+        if isinstance(x, FixedPoints) and not x.converged.all():
+            factors[~x.converged] = complex(np.nan, np.nan)
+            outcomes = sorted({NewtonOutcome(outcome).name for outcome in x.outcome[~x.converged]})
+            warnings.warn(
+                f"{np.count_nonzero(~x.converged)} of {len(x.converged)} points are no fixed points "
+                f"({', '.join(outcomes)}): their multipliers are NaN.",
+                stacklevel=2,
+            )
+        return factors
 
     def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:
         """Return the section crossings of gaits, (n, period, size), from one crossing of each.

@@ -140,3 +140,12 @@ def test_phases_may_be_counted_by_an_integer_of_numpy() -> None:
     gait = hops.fixed_points([0.4, 8.3])
     table = hops.phase_response(gait, "phase", np.int64(4))
     assert table["push_phase"].tolist() == [0.0, 0.25, 0.5, 0.75]
+
+
+def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
+    hops = gs.return_map(Hopper(), omega=3.7)
+    found = hops.fixed_points([[0.4, 8.3], [np.nan, 8.3]])
+    with pytest.warns(UserWarning, match="1 of 2 points are no fixed points"):
+        factors = hops.multipliers(found)
+    assert np.isnan(factors).all(axis=1).tolist() == [False, True]
+    assert np.isnan(hops.multipliers([np.nan, 8.3])).all()

@@ -31,13 +31,15 @@ def multipliers(
             restricted to their level set, and k fewer.
 
     Returns:
-        Complex numbers (n, size - k), or (size,) of one point.
+        Complex numbers (n, size - k), or (size,) of one point; NaN where a derivative is not finite.
     """
     if gradients is not None and not len(gradients):
         return np.empty((0, jacobian.shape[-1] - gradients.shape[1]), complex)
     if gradients is not None and gradients.shape[1]:
         jacobian = np.stack([_restricted(*of_point) for of_point in zip(jacobian, gradients, strict=True)])
-    factors = np.asarray(np.linalg.eigvals(jacobian), complex)
+    finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))[..., None]
+    factors = np.linalg.eigvals(np.where(finite[..., None], jacobian, 0.0))
+    factors = np.where(finite, factors, complex(np.nan, np.nan))
     # of two conjugates the one with the positive imaginary part comes first
     order = np.lexsort((-np.imag(factors), -np.round(np.abs(factors), 12)), axis=-1)
     return np.take_along_axis(factors, order, axis=-1)
