@@ -21,6 +21,7 @@ from gaitsweep.engine.poincare.poincare_return import MAX_PERIODS, crossing_of
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.papers.ambe2021.multilegged.model import GAITS, Multilegged
+from gaitsweep.papers.ambe2021.multilegged.reduced import MultileggedReduced
 from gaitsweep.papers.ambe2021.multilegged.state import leg_lengths
 from gaitsweep.status import Status
 from tests.support.multilegged_crossings import FILE, reference, simulated, wrapped
@@ -273,3 +274,14 @@ def test_jacobian_of_a_gait_cycle_against_central_differences() -> None:
     # selects alone would leave errors of the size of the matrix itself
     assert np.abs(jacobian - differences).max() < 1e-6 * np.linalg.norm(jacobian, 2)
     assert abs(jacobian[0, 10] + 1.25) < 1e-6  # y_1 early by tau dy: t moves by -tau/omega dy_1
+
+
+@pytest.mark.parametrize("model", [Multilegged(N=3), MultileggedReduced(N=3)], ids=lambda model: model.name)
+@pytest.mark.parametrize(("m_1", "touches_down"), [(0.5, True), (5.0, False)])
+def test_a_chain_whose_first_leg_does_not_touch_down_says_that_it_has_no_start(
+    model: Multilegged | MultileggedReduced, m_1: float, touches_down: bool
+) -> None:
+    params = scalars(model, m_1=m_1)
+    begun = {f"psi_{i}": jnp.asarray(1.0) for i in (1, 2, 3)} | {"phi_1": jnp.asarray(jnp.nan)}
+    (without,) = model.without_start(params, model.init(params, begun)).values()
+    assert bool(without) is not touches_down

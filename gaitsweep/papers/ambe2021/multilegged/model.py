@@ -43,6 +43,7 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     lagged_reset,
     leg_lengths,
     segment_of,
+    without_touchdown,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
 from gaitsweep.papers.ambe2021.theory.gaits import GAITS, classify, free_link, nearest_set
@@ -257,6 +258,9 @@ class Multilegged(ChainModel):
             segment=segment,
             landed=touching,
         )
+
+    def without_start(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return without_touchdown(state.phi)
 
     def flow(self, params: Params, state: State) -> Rates:
         p, s = params, state

@@ -35,6 +35,7 @@ from gaitsweep.papers.ambe2021.multilegged.state import (
     first_touchdown,
     leg_lengths,
     segment_of,
+    without_touchdown,
 )
 
 # A leg closer than this to the ground (m) touches it, so that simultaneous touchdowns stay simultaneous in
@@ -205,6 +206,9 @@ class MultileggedReduced(ChainModel):
             landed=touching,
             late=jnp.zeros_like(touchdown),
         )
+
+    def without_start(self, params: Params, state: State) -> dict[str, jax.Array]:
+        return without_touchdown(state.phi)
 
     def flow(self, params: Params, state: State) -> Rates:
         return {"phi": jnp.broadcast_to(params.omega, state.phi.shape)}  # eq. (9)

@@ -78,6 +78,12 @@ def first_touchdown(p: Params) -> jax.Array:
     return jnp.where(touchdown > (1.0 + p.beta) * jnp.pi, touchdown, jnp.nan)
 
 
+def without_touchdown(phi: jax.Array) -> dict[str, jax.Array]:
+    """The result of `Model.without_start` for a start with the phases `phi` (N+1,)."""
+    reason = "leg 1 does not touch down in its landing segment with these parameters: give phi_1"
+    return {reason: jnp.isnan(phi[0])}
+
+
 def segment_of(p: Params, phi: jax.Array) -> jax.Array:
     """The segment of each leg's length at phases from 0 to 2 pi, rad."""
     return jnp.where(
