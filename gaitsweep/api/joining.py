@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -18,6 +19,8 @@ from gaitsweep.table.manifest import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
 _FIELDWISE = (*_CONSTANTS, "run", "numerics")  # the parts of which a joined table keeps the fields in common
+# The first column of a table of branches after the axes: its others depend on fields of the run.
+_OF_BRANCHES = ("point", "part")
 Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
 
 
@@ -244,7 +247,8 @@ def _require_columns(frames: Sequence[pd.DataFrame], *, axes_only: bool) -> None
         ArgumentError: with the column and the numbers of the tables.
     """
     for other, with_column in enumerate(frames, 1):
-        for name in axes_of(with_column) if axes_only else with_column.columns:
+        axes = itertools.takewhile(lambda name: name not in _OF_BRANCHES, axes_of(with_column))
+        for name in axes if axes_only else with_column.columns:
             for number, frame in enumerate(frames, 1):
                 if name not in frame:
                     raise ArgumentError(f"{name} is a column of table {other}, but table {number} lacks it.")

@@ -307,6 +307,7 @@ ModelKey = tuple[str, str, int]  # the module and the name of the class of a mod
 _FILES: dict[ModelKey, set[Path]] = {}
 # The latest content of each model and function.
 _LATEST: dict[ModelKey, str] = {}
+_LATEST_OF_FUNCTIONS: WeakKeyDictionary[Callable[..., Any], str] = WeakKeyDictionary()
 # Results that hold while models do not change; None outside of `held_contents`.
 _MEMO: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("memo", default=None)
 
@@ -358,9 +359,12 @@ def content_of(model: Model | Callable[..., Any]) -> str:
         reader.read((str(file), _stamp(file)))
     content = reader.digest.hexdigest()
     # JAX keeps traces of a user's jitted functions and loops, which may have read what has changed
-    if _LATEST.get(key, content) != content:
+    # a function that is gone may have left its hash to another one
+    latest: Any = _LATEST if isinstance(model, Model) else _LATEST_OF_FUNCTIONS
+    place: Any = key if isinstance(model, Model) else model
+    if latest.get(place, content) != content:
         jax.clear_caches()
-    _LATEST[key] = content
+    latest[place] = content
     if memo is not None:
         memo[type(model), model] = content
     return content

@@ -72,6 +72,14 @@ def host_device() -> Device:
     return jax.local_devices(backend="cpu")[0]
 
 
+def default_platform() -> str:
+    """The platform, such as "cpu", of computations that are placed on no device."""
+    device = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    if device is None:
+        return jax.default_backend()
+    return device if isinstance(device, str) else device.platform
+
+
 def usable_cores() -> int:
     """The number of CPU cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -9,6 +9,7 @@ from typing import Any
 from gaitsweep import models, near_miss
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.job.job import Job
+from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.kinds.atlas import Atlas
 from gaitsweep.schema.diagnostics import Diagnostic, clipped, quoted
 from gaitsweep.schema.yaml_document import Document, read_document, read_value
@@ -128,6 +129,10 @@ def stored_job(attrs: Mapping[Any, Any], *, trust: bool = False) -> Job:
         models.find_of_table(attrs, trust=trust)
     except models.ModelError as error:
         raise JobError([Diagnostic(("model",), str(error))]) from error
+    run = dict(fields["run"])
+    # a field that is refused beside the others now was allowed when the table was made, and had no effect
+    idle = RUN_KINDS[run["kind"]].idle(run) if run.get("kind") in RUN_KINDS else set()
+    fields = {**fields, "run": {name: value for name, value in run.items() if name not in idle}}
     return Job.model_validate(fields)
 
 

@@ -246,9 +246,15 @@ class RunKind(StrictModel, abc.ABC):
         return {}
 
     @final
+    @classmethod
+    def idle(cls, fields: Mapping[str, Any]) -> set[str]:
+        """The names of those fields that have no effect beside the others (`idle_without`)."""
+        return {name for key, names in cls.idle_without.items() if not fields.get(key) for name in names}
+
+    @final
     def hashed(self, fields: Mapping[str, Any]) -> dict[str, Any]:
         """The fields that decide the numbers of the table."""
-        idle = {name for key, names in self.idle_without.items() if not getattr(self, key) for name in names}
+        idle = self.idle(fields)
         return {name: value for name, value in fields.items() if name not in {*idle, *self.unhashed}}
 
     @final

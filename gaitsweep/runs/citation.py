@@ -190,7 +190,7 @@ def _run(run: Mapping[str, Any], row: str) -> str:
     kind = RUN_KINDS.get(str(run.get("kind")))
     if kind is None:
         return ""
-    idle = {name for switch, names in kind.idle_without.items() if not run.get(switch) for name in names}
+    idle = kind.idle(run)
     limits = [
         f"{key} {value:g}" for key, value in run.items() if type(value) in (int, float) and key not in idle
     ]

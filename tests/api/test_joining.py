@@ -151,3 +151,13 @@ def test_joined_tables_keep_the_order_of_gaits() -> None:
     assert both.groupby("gait", observed=True).size().index.tolist() == ["walk", "trot", "gallop"]
     assert pd.merge(joined[1], joined[2], on="gait")["gait"].cat.categories.tolist() == order
     pd.testing.assert_frame_equal(gs.same_categories(slow)[0], slow)
+
+
+def test_branches_with_and_without_columns_of_their_run_are_joined() -> None:
+    job = {"model": "m", "run": {"kind": "continuation", "parameter": "G"}, "params": {}}
+    columns = {"row": [0], "point": [0], "branch": [0], "G": [1.0], "x_n": [1.0], "status": ["ok"]}
+    table = pd.DataFrame(columns)
+    other = table.drop(columns="branch")
+    table.attrs = {"job": {**job, "run": {**job["run"], "crossing": True}}}
+    other.attrs = {"job": job}
+    assert gs.concat(table, other)["branch"].isna().tolist() == [False, True]

@@ -269,3 +269,13 @@ def test_installed_packages_are_not_a_users(tmp_path: Path, monkeypatch: pytest.
             (tmp_path / folder / "package-1.0.dist-info").mkdir()
         monkeypatch.setitem(sys.modules, module.__name__, module)
         assert is_user_module(module.__name__) is not installed
+
+
+def test_a_new_function_at_the_address_of_another_one_keeps_the_caches_of_jax(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cleared: list[None] = []
+    monkeypatch.setattr(jax, "clear_caches", lambda: cleared.append(None))
+    for number in range(20):
+        content_of(lambda x, number=number: x + number)  # collected at once
+    assert cleared == []

@@ -134,3 +134,15 @@ def test_reading_a_job_leaves_every_core_to_its_run(tmp_path: Any) -> None:
         check=True,
     )
     assert done.stdout.strip() == "True"
+
+
+@pytest.mark.parametrize(("default", "platform"), [(None, "gpu"), ("cpu", "cpu")])
+def test_what_is_on_no_device_is_on_the_default_device(
+    default: str | None, platform: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command makes the CPU the default device of a machine with a GPU."""
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    with jax.default_device(default):
+        assert devices.default_platform() == platform
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert devices.default_platform() == "cpu"

@@ -35,9 +35,6 @@ FUNCTIONS = {
     "remainder": lambda x, y: jnp.mod(7.0 * x + 5.0, 6.0) * y + jnp.mod(y - 8.0, 3.0) * x,
     # x is 0.4 at the start: a whole power at zero
     "powers at zero": lambda x, y: (x - 0.4) ** 2.0 + (x - 0.4) ** 3.0 * y + jax.lax.integer_pow(x - 0.4, 0),
-    "exponents that are no constants": lambda x, y: (
-        ((x - 0.4) ** jnp.array([0.0, 1.0, 3.0, 5.0])).sum() + ((x + 0.2) ** jnp.array([1.7, 2.0])).sum() * y
-    ),
     "exponential": lambda x, y: jnp.exp(x) + jnp.expm1(y),
     "logarithm": lambda x, y: jnp.log(2.0 + x) + jnp.log1p(y),
     "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),
@@ -87,18 +84,6 @@ def test_coefficients_are_those_of_a_fitted_polynomial(name: str) -> None:
     # a coefficient of order k is fitted with an error of rounding / radius^k
     error = 1e-11 * np.abs(measured[name]).max() * 0.2 ** -np.arange(ORDER + 1)
     assert np.all(np.abs(np.asarray(coefficients()[name]) - fitted) < error)
-
-
-def test_a_power_at_zero_has_no_derivative_by_its_exponent() -> None:
-    """The derivative of x^2 by x is 2 x, which is 2 at order 1 of x = t; that by the exponent has a log."""
-
-    def square(x: jax.Array, exponent: jax.Array) -> jax.Array:
-        path = {"x": [x, jnp.ones(())]}
-        return jnp.stack(along(lambda s: s.x**exponent, Point(x, jnp.zeros(())), path, 2))
-
-    by_x, by_exponent = jax.jacfwd(square, (0, 1))(jnp.zeros(()), jnp.asarray(2.0))
-    np.testing.assert_array_equal(by_x, [0.0, 2.0, 0.0])
-    assert jnp.isnan(by_exponent[1:]).all()
 
 
 def test_a_rate_without_derivative_moves_as_any_other() -> None:

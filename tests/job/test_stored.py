@@ -102,3 +102,12 @@ def test_a_folder_below_a_home_alone_is_not_stored(
         job=SimpleNamespace(model="own:Model"), model=SimpleNamespace(original=object())
     )
     assert summary._model_folder(context, Path(f"/home/user/{project}results/run")) == stored
+
+
+def test_a_field_that_had_no_effect_is_still_read() -> None:
+    fields = {"name": "t", "model": "multilegged_reduced", "vary": {"psi_1": [0.1, 0.2]}}
+    fields |= {"start": {"psi_2": 0.1, "psi_3": 0.1}, "run": {"kind": "settle", "coarse": 16}}
+    assert (
+        stored_job({"job": fields}).hash()
+        == stored_job({"job": {**fields, "run": {"kind": "settle"}}}).hash()
+    )

@@ -35,11 +35,13 @@ def multipliers(
     """
     if gradients is not None and not len(gradients):
         return np.empty((0, jacobian.shape[-1] - gradients.shape[1]), complex)
+    finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))
     if gradients is not None and gradients.shape[1]:
+        finite &= np.isfinite(gradients).all(axis=(-2, -1))
+        jacobian, gradients = (np.where(finite[:, None, None], of, 0.0) for of in (jacobian, gradients))
         jacobian = np.stack([_restricted(*of_point) for of_point in zip(jacobian, gradients, strict=True)])
-    finite = np.asarray(np.isfinite(jacobian).all(axis=(-2, -1)))[..., None]
-    factors = np.linalg.eigvals(np.where(finite[..., None], jacobian, 0.0))
-    factors = np.where(finite, factors, complex(np.nan, np.nan))
+    factors = np.linalg.eigvals(np.where(finite[..., None, None], jacobian, 0.0))
+    factors = np.where(finite[..., None], factors, complex(np.nan, np.nan))
     # of two conjugates the one with the positive imaginary part comes first
     order = np.lexsort((-np.imag(factors), -np.round(np.abs(factors), 12)), axis=-1)
     return np.take_along_axis(factors, order, axis=-1)

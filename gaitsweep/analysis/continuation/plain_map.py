@@ -69,7 +69,7 @@ class PlainMap(FollowedMap):
     def complete(self, values: Values, n: int) -> dict[str, Float[np.ndarray, " points"]]:
         defaults = dict(self.defaults)
         for name in values:
-            if name not in defaults:
+            if defaults and name not in defaults:
                 near = near_miss.suggestion(name, defaults)
                 raise ArgumentError(f"{name} is not a parameter of the map{near}")
         return {name: column(name, value, n) for name, value in {**defaults, **values}.items()}

@@ -321,7 +321,9 @@ class MatsuokaOscillators(Oscillators):
         return declared
 
     def _stances(self, legs: Sequence[str]) -> list[bool]:
-        """Whether each leg begins in stance: of two that inhibit each other one does, of others each second.
+        """Whether each leg begins in stance: of two that inhibit each other one, of others each second.
+
+        Where legs inhibit each other in a circle of an odd number, two of them begin alike.
 
         The first leg begins in swing: before the section, where its extensor takes over.
         """

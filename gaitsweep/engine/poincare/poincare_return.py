@@ -24,6 +24,7 @@ from gaitsweep.contract import HybridModel, Model, Params, Rates, State
 from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, Halt, is_stalled, select, start
 from gaitsweep.engine.content import cached_by_content
+from gaitsweep.engine.devices import default_platform
 from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
 from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
@@ -259,7 +260,7 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "a
     if functions.refusal is not None:
         return_map = f"The return map of {model.name} by {numerics.method}"
         return _without_derivative(by_xla, f"{return_map} has no derivative: {functions.refusal}")
-    if engine == "xla" or (engine == "auto" and jax.default_backend() != "cpu"):
+    if engine == "xla" or (engine == "auto" and default_platform() != "cpu"):
         return by_xla
     return _by_kernel(functions, None if engine == "kernel" else by_xla, quick=engine == "quick")
 

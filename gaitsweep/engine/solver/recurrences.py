@@ -6,11 +6,9 @@ methods, Exp. Math. 14 (2005) 99-117.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-import jax
 import jax.numpy as jnp
 from jax.extend.core import Literal
 from jaxtyping import Array, Num
@@ -178,11 +176,7 @@ def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
     if isinstance(written, Literal) and written.val in _WHOLE:
         return [_whole_power(operation, int(written.val), k, base)]
     if all(term is None for term in exponent[1:]):
-        steady = exponent[0] * 1.0
-        off_zero = _filled(_of_power(steady, k, base, operation.results[0]), base[0])
-        at_zero = _filled(_power_by_digits(operation, steady, k, base), base[0])
-        is_whole = (steady == jnp.floor(steady)) & (steady >= 0.0) & (steady < 2.0**_DIGITS)
-        return [jnp.where((base[0] == 0.0) & is_whole, _without_derivative()(steady, at_zero), off_zero)]
+        return [_of_power(exponent[0], k, base, operation.results[0])]
     # a^b = exp(b log a)
     logarithm = operation.auxiliary.setdefault("logarithm", [jnp.log(base[0])])
     while len(logarithm) <= k:
@@ -206,47 +200,6 @@ def _whole_power(operation: Operation, exponent: int, k: int, series: Series) ->
         return power[k]
     lower_terms = _sum([(power[j], operation.results[0][k - j]) for j in range(1, k + 1)])
     return None if lower_terms is None else -lower_terms / power[0]
-
-
-# The binary digits of a whole exponent that is no constant of the program.
-_DIGITS = 4
-
-
-def _power_by_digits(operation: Operation, exponent: Value, k: int, base: Series) -> Coefficient:
-    """The coefficient of order k of a power, by products, which hold at zero too.
-
-    The exponent is known only as the program runs: a whole number of `_DIGITS` binary digits at most.
-    """
-    factor = base
-    power: Series = [jnp.ones_like(base[0]), *[None] * k]
-    for digit in range(_DIGITS):
-        if digit:
-            factor = _grown(operation, f"factor {digit}", k, lambda n, f=factor: _product(n, f, f))
-        is_set = jnp.floor(exponent / 2.0**digit) % 2.0 == 1.0
-
-        def chosen(n: int, is_set: Value = is_set, below: Series = power, f: Series = factor) -> Value:
-            return jnp.where(is_set, _filled(_product(n, below, f), base[0]), _filled(below[n], base[0]))
-
-        power = _grown(operation, f"power {digit}", k, chosen)
-    return power[k]
-
-
-@functools.cache
-def _without_derivative() -> Callable[[Value, Value], Value]:
-    """The function `(exponent, coefficient)` that returns the coefficient of a power at zero.
-
-    Its derivative by the exponent, which has a logarithm, is NaN.
-    """
-
-    @jax.custom_jvp
-    def unchanged(exponent: Value, coefficient: Value) -> Value:
-        return coefficient
-
-    @unchanged.defjvp
-    def _(primals: tuple[Value, Value], tangents: tuple[Value, Value]) -> tuple[Value, Value]:
-        return primals[1], jnp.where(tangents[0] == 0.0, tangents[1], jnp.nan)
-
-    return unchanged
 
 
 def _derivative(slope: Callable[[Operation, int], Series]) -> Rule:

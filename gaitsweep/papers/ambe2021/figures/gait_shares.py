@@ -198,7 +198,8 @@ def _inside(table: pd.DataFrame, name: str, limits: tuple[float, float]) -> tupl
 def _mark_limits(axes: Axes, table: pd.DataFrame, x: str) -> None:
     """Upright lines along x: at the limits of conditions, and where a gait begins or ends to exist.
 
-    The latter are left out where another line is. Other parameters are those of the job.
+    The latter are left out where another line is. Other parameters are those of the
+    job, or of Table 1 if they vary.
     """
     along = _along(_inside(table, x, axes.get_xlim()), 241, axes.get_xscale())
     sets = pd.DataFrame({x: along})
