@@ -23,7 +23,8 @@ from gaitsweep.runs.self_check_result import circular, finer_share
 MOST_ROWS = 4
 # Their last crossings that are recorded, at most; the observables' ranges are those of these crossings.
 MOST_CROSSINGS = 1000
-# The motion of a row is due to errors of the integration if finer tolerances make it so many times smaller.
+# The motion of a row is due to errors of the integration if finer tolerances make it so many times smaller;
+# a row leaves an orbit if it moves so many times as much as half of its recorded crossings before.
 SMALLER = 3.0
 
 Crossings = Float[np.ndarray, "crossings observables"]
@@ -45,7 +46,7 @@ def repeating_rows(
 
     Returns:
         {} if there is no such row, else their number `rows` among `of` rerun ones, the longest `period` after
-        which they repeat (crossings), and their largest motion over a period as a share of the observable's
+        which they repeat (crossings), and their largest motion over a period as a share of its `observable`'s
         size, with the run's tolerances (`motion`) and with finer ones (`finer_motion`).
     """
     chosen = rows[np.unique(np.linspace(0, rows.size - 1, min(MOST_ROWS, rows.size)).astype(np.int64))]
@@ -57,36 +58,39 @@ def repeating_rows(
         return {}
     places = np.flatnonzero(periods)
     finer = rerun(recorder, chosen[places], finer_share(context))
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"rows": 0, "period": 0, "motion": 0.0, "finer_motion": 0.0}
     for finer_place, place in enumerate(places):
         period = int(periods[place])
-        motions = [
-            _motion(settling.model, _crossings(settling.model, outcome, at), period)
-            for outcome, at in ((once, place), (finer, finer_place))
-        ]
-        if motions[1] * SMALLER <= motions[0]:
-            found["rows"] = found.get("rows", 0) + 1
-            found["period"] = max(period, found.get("period", 0))
-            found["motion"] = max(motions[0], found.get("motion", 0.0))
-            found["finer_motion"] = max(motions[1], found.get("finer_motion", 0.0))
-    return found and found | {"of": int(chosen.size)}
+        motion = _motion(settling.model, _crossings(settling.model, once, place), period)
+        finer_motion = _motion(settling.model, _crossings(settling.model, finer, finer_place), period)
+        if finer_motion.max() * SMALLER > motion.max():
+            continue
+        if motion.max() > found["motion"]:
+            found["observable"] = settling.model.observables[int(np.argmax(motion))].name
+        found["rows"] += 1
+        found["period"] = max(period, found["period"])
+        found["motion"] = max(float(motion.max()), found["motion"])
+        found["finer_motion"] = max(float(finer_motion.max()), found["finer_motion"])
+    return {**found, "of": int(chosen.size)} if found["rows"] else {}
 
 
 def _crossings(model: Model, outcome: RowOutcome, place: int) -> Crossings:
     """The observables at the recorded crossings of a row, without its start; those without a value are 0."""
     samples = outcome.samples[(outcome.place == place) & (outcome.samples[:, 0] > 0.0)]
-    return np.nan_to_num(samples[:, -len(model.observables) :])
+    observed = samples[:, 2:]  # beside the number and the time of the crossing
+    return np.where(np.isnan(observed), 0.0, observed)
 
 
 def _period(context: RunContext, settling: SettleRecorder, outcome: RowOutcome, place: int) -> int:
     """The crossings after which a row repeats within the tolerances on its attempts, if that is too much.
 
-    It is 0 if a row does not repeat, or so well that it settles with more cycles.
+    It is 0 if a row does not repeat, or leaves the orbit, or if it moves so little that it settles with more
+    cycles.
     """
     model, numerics = settling.model, context.spec.numerics
     observed = _crossings(model, outcome, place)
-    latest = observed[-1 - SETTLE_WINDOW :]
-    if len(latest) <= SETTLE_WINDOW:
+    middle, latest = observed[: len(observed) // 2], observed[-1 - SETTLE_WINDOW :]
+    if len(middle) <= SETTLE_WINDOW:
         return 0
     attempts = outcome.attempts[place] / max(outcome.cycles[place], 1)
     error = attempts * (numerics.rtol * _sizes(model, latest) + numerics.atol)
@@ -95,10 +99,12 @@ def _period(context: RunContext, settling: SettleRecorder, outcome: RowOutcome, 
     for period in range(1, min(settling.max_period, SETTLE_WINDOW) + 1):
         moves = _moves(model, latest, period)
         if np.all(moves <= period * error):
+            before = np.max(_motion(model, middle, period), initial=0.0)
+            leaves = np.any(_motion(model, latest, period) > SMALLER * before)
             # a fixed point moves in a crossing, an orbit in all cycles of a row
             periods = settling.max_cycles / period if period > 1 else 1.0
             moved = np.max(np.maximum(moves - ROUNDING, 0.0) / bound, initial=0.0)
-            return period if moved * periods > NO_MOTION else 0
+            return period if moved * periods > NO_MOTION and not leaves else 0
     return 0
 
 
@@ -115,9 +121,9 @@ def _moves(model: Model, observed: Crossings, period: int) -> Float[np.ndarray, 
     return np.max(np.abs(difference), axis=0, initial=0.0)
 
 
-def _motion(model: Model, observed: Crossings, period: int) -> float:
-    """The largest of the changes over a period, each as a share of the observable's size; inf if unknown."""
+def _motion(model: Model, observed: Crossings, period: int) -> Float[np.ndarray, " observables"]:
+    """The largest change over a period as a share of each observable's size; inf with too few crossings."""
     if len(observed) <= SETTLE_WINDOW:
-        return np.inf
+        return np.full(len(model.observables), np.inf)
     size = _sizes(model, observed[-1 - SETTLE_WINDOW :])
-    return float(np.max(_moves(model, observed, period) / np.where(size > 0.0, size, 1.0), initial=0.0))
+    return _moves(model, observed, period) / np.where(size > 0.0, size, 1.0)
