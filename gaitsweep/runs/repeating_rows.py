@@ -46,52 +46,55 @@ def repeating_rows(
 
     Returns:
         {} if there is no such row, else their number `rows` among `of` rerun ones, the longest `period` after
-        which they repeat (crossings), and their largest motion over a period as a share of its `observable`'s
-        size, with the run's tolerances (`motion`) and with finer ones (`finer_motion`).
+        which they repeat (crossings), and of the one that moves most over its period, the `observable` that
+        moves most relative to its bound, and its motion as a share of its size with the run's tolerances
+        (`motion`) and with finer ones (`finer_motion`).
     """
+    model = settling.model
     chosen = rows[np.unique(np.linspace(0, rows.size - 1, min(MOST_ROWS, rows.size)).astype(np.int64))]
     count = min(settling.max_cycles, MOST_CROSSINGS)
-    recorder = CrossingRecorder(settling.model, count, settling.max_cycles - count)
+    recorder = CrossingRecorder(model, count, settling.max_cycles - count)
     once = rerun(recorder, chosen, 1.0)
-    periods = np.array([_period(context, settling, once, place) for place in range(chosen.size)])
-    if not periods.any():
+    orbits = [_orbit(context, settling, once, place) for place in range(chosen.size)]
+    places = [place for place, orbit in enumerate(orbits) if orbit is not None]
+    if not places:
         return {}
-    places = np.flatnonzero(periods)
     finer = rerun(recorder, chosen[places], finer_share(context))
-    found: dict[str, Any] = {"rows": 0, "period": 0, "motion": 0.0, "finer_motion": 0.0}
-    for finer_place, place in enumerate(places):
-        period = int(periods[place])
-        motion = _motion(settling.model, _crossings(settling.model, once, place), period)
-        finer_motion = _motion(settling.model, _crossings(settling.model, finer, finer_place), period)
-        if finer_motion.max() * SMALLER > motion.max():
-            continue
-        if motion.max() > found["motion"]:
-            found["observable"] = settling.model.observables[int(np.argmax(motion))].name
-        found["rows"] += 1
-        found["period"] = max(period, found["period"])
-        found["motion"] = max(float(motion.max()), found["motion"])
-        found["finer_motion"] = max(float(finer_motion.max()), found["finer_motion"])
-    return {**found, "of": int(chosen.size)} if found["rows"] else {}
+    of_rows: list[dict[str, Any]] = []
+    for finer_place, (period, at) in enumerate(filter(None, orbits)):
+        motion = float(_motion(model, _crossings(once, places[finer_place]), period)[at])
+        finer_motion = float(_motion(model, _crossings(finer, finer_place), period)[at])
+        if finer_motion * SMALLER <= motion:
+            observable = model.observables[at].name
+            numbers = {"motion": motion, "finer_motion": finer_motion}
+            of_rows.append({"observable": observable, "period": period, **numbers})
+    if not of_rows:
+        return {}
+    most = max(of_rows, key=lambda row: row["motion"])
+    longest = max(row["period"] for row in of_rows)
+    return {**most, "period": longest, "rows": len(of_rows), "of": int(chosen.size)}
 
 
-def _crossings(model: Model, outcome: RowOutcome, place: int) -> Crossings:
+def _crossings(outcome: RowOutcome, place: int) -> Crossings:
     """The observables at the recorded crossings of a row, without its start; those without a value are 0."""
     samples = outcome.samples[(outcome.place == place) & (outcome.samples[:, 0] > 0.0)]
     observed = samples[:, 2:]  # beside the number and the time of the crossing
     return np.where(np.isnan(observed), 0.0, observed)
 
 
-def _period(context: RunContext, settling: SettleRecorder, outcome: RowOutcome, place: int) -> int:
+def _orbit(
+    context: RunContext, settling: SettleRecorder, outcome: RowOutcome, place: int
+) -> tuple[int, int] | None:
     """The crossings after which a row repeats within the tolerances on its attempts, if that is too much.
 
-    It is 0 if a row does not repeat, or leaves the orbit, or if it moves so little that it settles with more
-    cycles.
+    With them is the place of the observable that moves most in them, relative to its bound. There is no orbit
+    if a row does not repeat, leaves it, or moves so little that it settles with more cycles.
     """
     model, numerics = settling.model, context.spec.numerics
-    observed = _crossings(model, outcome, place)
+    observed = _crossings(outcome, place)
     middle, latest = observed[: len(observed) // 2], observed[-1 - SETTLE_WINDOW :]
-    if len(middle) <= SETTLE_WINDOW:
-        return 0
+    if len(middle) <= SETTLE_WINDOW or not model.observables:
+        return None
     attempts = outcome.attempts[place] / max(outcome.cycles[place], 1)
     error = attempts * (numerics.rtol * _sizes(model, latest) + numerics.atol)
     ranges = np.stack([observed.min(axis=0), observed.max(axis=0)])[:, unscaled(model)]
@@ -99,13 +102,15 @@ def _period(context: RunContext, settling: SettleRecorder, outcome: RowOutcome, 
     for period in range(1, min(settling.max_period, SETTLE_WINDOW) + 1):
         moves = _moves(model, latest, period)
         if np.all(moves <= period * error):
-            before = np.max(_motion(model, middle, period), initial=0.0)
+            before = np.max(_motion(model, middle, period))
             leaves = np.any(_motion(model, latest, period) > SMALLER * before)
             # a fixed point moves in a crossing, an orbit in all cycles of a row
             periods = settling.max_cycles / period if period > 1 else 1.0
-            moved = np.max(np.maximum(moves - ROUNDING, 0.0) / bound, initial=0.0)
-            return period if moved * periods > NO_MOTION and not leaves else 0
-    return 0
+            moved = np.maximum(moves - ROUNDING, 0.0) / bound
+            if leaves or moved.max() * periods <= NO_MOTION:
+                return None
+            return period, int(np.argmax(moved))
+    return None
 
 
 def _sizes(model: Model, observed: Crossings) -> Float[np.ndarray, " observables"]:
@@ -118,7 +123,7 @@ def _moves(model: Model, observed: Crossings, period: int) -> Float[np.ndarray, 
     """The largest change of each observable over a period, at the last crossings."""
     latest = observed[-1 - SETTLE_WINDOW :]
     difference = wrap_difference(latest[period:] - latest[:-period], circular(model))
-    return np.max(np.abs(difference), axis=0, initial=0.0)
+    return np.max(np.abs(difference), axis=0)
 
 
 def _motion(model: Model, observed: Crossings, period: int) -> Float[np.ndarray, " observables"]:

@@ -369,9 +369,10 @@ def repeating(manifest: Mapping[str, Any]) -> str:
     several, period = about["rows"] != 1, about["period"]
     at = f"within {period} crossings" if period > 1 else "at each crossing"
     return (
-        f" {about['rows']} of {about['of']} such rows that were rerun repeat{'s' * (not several)} {at}, and "
-        f"{about['observable']} changes by {about['motion']:.1g} of its size, with {check['finer']} by "
-        f"{about['finer_motion']:.1g}: a finer numerics.rtol may let {'them' if several else 'it'} settle."
+        f" {about['rows']} of {about['of']} such rows that were rerun repeat{'s' * (not several)} {at} up to "
+        f"errors of the integration ({about['observable']}: {about['motion']:.1g} of its size, or "
+        f"{about['finer_motion']:.1g} with {check['finer']}): a finer numerics.rtol may let "
+        f"{'them' if several else 'it'} settle."
     )
 
 
