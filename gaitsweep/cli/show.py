@@ -184,11 +184,12 @@ def columns_of(snapshot: Snapshot) -> None:
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Format entries of a manifest as lines, by their titles."""
+    of_errors = f".{text}" if (text := repeating(manifest)) else ""
     formats: dict[str, tuple[str, Callable[[Any], str]]] = {
         "stalls": ("stalls", stalled),
         "slowest": (
             "unsettled",
-            lambda of: f"{unsettled(of)} (largest change relative to its tolerance).{repeating(manifest)}",
+            lambda of: f"{unsettled(of)} (largest change relative to its tolerance){of_errors}",
         ),
         "largest_distance": (
             "distance",
