@@ -11,7 +11,11 @@ COLUMNS = {
     "stalled_by": ("", "events that followed each other without end"),
     "gait": ("", "gait, by the model's label"),
     "outcome": ("", "gait of a settled row, or why it has none"),
-    "slowest": ("", "observable that kept the row from settling"),
+    "slowest": (
+        "",
+        "observable that moved most over the last 10 crossings of a row that did not settle; on "
+        "an orbit of several crossings it may be one that repeats",
+    ),
     "cycles": ("1", "section crossings of the row"),
     "crossing": ("1", "number of the section crossing"),
     "t": ("s", "time"),

@@ -19,6 +19,7 @@ from gaitsweep.runs.sentences import (
     axes,
     plain,
     remarks,
+    repeating,
     self_check_sentence,
     settings_of,
     status_sentence,
@@ -120,7 +121,7 @@ def outcome(snapshot: Snapshot) -> str:
         if str(snapshot.job.get("model")).endswith(_MODEL_FILES):
             lines[-1] += f" {IF_IT_DOES_NOT_WALK} helps to find a gait."
     if slowest := manifest.get("slowest"):
-        lines.append(f"Rows did not settle because of {unsettled(slowest)}.")
+        lines.append(f"Rows did not settle because of {unsettled(slowest)}.{repeating(manifest)}")
     if stalls := manifest.get("stalls"):
         lines.append(f"Stalled: {stalled(stalls)}.")
     lines += manifest.get("findings", [])
@@ -183,9 +184,13 @@ def columns_of(snapshot: Snapshot) -> None:
 
 def _of_manifest(manifest: Mapping[str, Any]) -> dict[str, str]:
     """Format entries of a manifest as lines, by their titles."""
+    of_errors = f".{text}" if (text := repeating(manifest)) else ""
     formats: dict[str, tuple[str, Callable[[Any], str]]] = {
         "stalls": ("stalls", stalled),
-        "slowest": ("unsettled", lambda of: f"{unsettled(of)} (largest change relative to its tolerance)"),
+        "slowest": (
+            "unsettled",
+            lambda of: f"{unsettled(of)} (largest change relative to its tolerance){of_errors}",
+        ),
         "largest_distance": (
             "distance",
             lambda of: f"{distance(of)}, the largest from the analytic solutions",

@@ -15,9 +15,10 @@ from gaitsweep.compiling_threads import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check import RerunRows, compare_stored, self_check
+from gaitsweep.runs.self_check import RerunRows, compare_stored, look_at_unsettled, self_check
 from gaitsweep.runs.self_check_result import SelfCheck, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
+from gaitsweep.status import Status
 from gaitsweep.table import Table
 
 _PURPOSE = "the self-check (`verify: 0` turns it off)"  # of compilations, in the progress
@@ -83,6 +84,7 @@ class ConcurrentSelfCheck:
         if check is not None and rerun is not None:
             with purpose_of_compiling(_PURPOSE):
                 compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
+                look_at_unsettled(self._context, check, self._at_cycle_limit(), on_sweep_progress)
         timings = dict(self._table.manifest.get("timings", {}))
         if check is None:
             judged: dict[str, Any] = {"rows": 0, "verdict": "off"}
@@ -97,6 +99,14 @@ class ConcurrentSelfCheck:
         table = self._table.load(rows)
         table.attrs.clear()  # pandas copies them with each column
         return table
+
+    def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
+        """The rows that ended as `cycle_limit`."""
+        if not self._table.counts().get(Status.cycle_limit.name):
+            return np.zeros(0, np.int64)
+        parts = self._table.load_parts(["row", "status"])
+        numbers = [part.loc[part["status"] == Status.cycle_limit.name, "row"].unique() for part in parts]
+        return np.concatenate(numbers).astype(np.int64)
 
     @property
     def _known(self) -> dict[str, Any] | None:

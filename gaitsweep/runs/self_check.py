@@ -41,8 +41,10 @@ from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
+from gaitsweep.kinds.settle import Settle
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
+from gaitsweep.runs.repeating_rows import repeating_rows
 from gaitsweep.runs.self_check_result import (
     CROSSINGS,
     LEAST_ROWS,
@@ -164,6 +166,28 @@ def compare_stored(
     check.unstable = len(unstable)
     if check.unstable:
         check.unstable_first = _place_of(context, unstable.iloc[:1].to_dict("records")[0])
+
+
+def look_at_unsettled(
+    context: RunContext, check: SelfCheck, unsettled: Rows, on_progress: Callable[[SweepProgress], None]
+) -> None:
+    """Describe in `check` the rows that errors of the integration keep from settling.
+
+    Args:
+        context: the job's context.
+        check: the result of a self-check.
+        unsettled: the rows (n,) that ended as `cycle_limit`.
+        on_progress: progress callback.
+    """
+    run = context.job.run
+    if unsettled.size and isinstance(run, Settle) and context.spec.numerics.adaptive:
+        comparison = _Comparison(context, on_progress)
+        check.repeating = repeating_rows(
+            context,
+            run.settling(context.model),
+            unsettled,
+            lambda recorder, rows, share: comparison.repeated(recorder, [(rows, share, 0.0)])[0],
+        )
 
 
 def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float]:

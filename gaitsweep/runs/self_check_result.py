@@ -88,6 +88,7 @@ class SelfCheck:
         largest: the largest change of each observable: of settled rows at their end, of others over their
             first crossings.
         worst: name and unit of the observable with the largest change relative to its size.
+        repeating: the rows that errors of the integration keep from settling (`repeating_rows`).
     """
 
     rows: int
@@ -104,6 +105,7 @@ class SelfCheck:
     by_step: int = 0
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
+    repeating: dict[str, Any] = dataclasses.field(default_factory=dict)
     _worst_share: float = -1.0
 
     def record_changes(

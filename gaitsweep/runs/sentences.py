@@ -361,6 +361,21 @@ def unsettled(slowest: Mapping[str, int]) -> str:
     return ", ".join(f"{name} in {rows} row{'s' * (rows != 1)}" for name, rows in slowest.items())
 
 
+def repeating(manifest: Mapping[str, Any]) -> str:
+    """Format that errors of the integration keep rows from settling, after a space; "" if none is known."""
+    check = manifest.get("self_check")
+    if not isinstance(check, dict) or not (about := check.get("repeating")):
+        return ""
+    several, period = about["rows"] != 1, about["period"]
+    at = f"within {period} crossings" if period > 1 else "at each crossing"
+    return (
+        f" {about['rows']} of {about['of']} such rows that were rerun repeat{'s' * (not several)} {at} up to "
+        f"errors of the integration ({about['observable']}: {about['motion']:.1g} of its size, or "
+        f"{about['finer_motion']:.1g} with {check['finer']}): a finer numerics.rtol may let "
+        f"{'them' if several else 'it'} settle."
+    )
+
+
 def axes(of_job: Sequence[Mapping[str, Any]]) -> str:
     """Format the axes with their numbers of points: "psi_2 (99) x psi_1 (99)"."""
     return " x ".join(

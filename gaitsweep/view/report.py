@@ -21,6 +21,7 @@ from gaitsweep.runs.sentences import (
     advice,
     axes,
     plain,
+    repeating,
     self_check_sentence,
     settings_of,
     status_sentence,
@@ -142,7 +143,8 @@ def _counts(snapshot: Snapshot) -> str:
     rows_of = {html.escape(guards): int(stall.get("rows", 0)) for guards, stall in stalls.items()}
     notes = "".join(f"<p>{rows} stalled: {guards}.</p>" for guards, rows in rows_of.items())
     if slowest := snapshot.manifest.get("slowest"):
-        notes += f"<p>Rows did not settle because of {html.escape(unsettled(slowest))}.</p>"
+        because = f"{unsettled(slowest)}.{repeating(snapshot.manifest)}"
+        notes += f"<p>Rows did not settle because of {html.escape(because)}</p>"
     return f'<div class="wide"><table>{"".join(lines)}</table></div>{notes}{_reasons(snapshot)}'
 
 

@@ -48,7 +48,7 @@ def per_observable(tolerance: float | tuple[float, ...]) -> tuple[float, ...]:
     return tolerance if isinstance(tolerance, tuple) else (tolerance,)
 
 
-def _unscaled(model: Model) -> list[int]:
+def unscaled(model: Model) -> list[int]:
     """The places of the observables without a scale of their own."""
     return [i for i, q in enumerate(model.observables) if not q.circular and q.scale is None]
 
@@ -60,7 +60,7 @@ def first_span(model: Model, like: Observed) -> Span:
         model: the model.
         like: observables, whose dtype the span has.
     """
-    none = jnp.full((len(_unscaled(model)),), jnp.inf, like.dtype)
+    none = jnp.full((len(unscaled(model)),), jnp.inf, like.dtype)
     return jnp.stack([none, -none])
 
 
@@ -74,7 +74,7 @@ def widened(span: Span, model: Model, now: Observed) -> Span:
     """
     if span.size == 0:
         return span
-    values = now[np.asarray(_unscaled(model))]
+    values = now[np.asarray(unscaled(model))]
     finite = jnp.abs(values) < jnp.inf
     lowest = jnp.where(finite & (values < span[0]), values, span[0])
     return jnp.stack([lowest, jnp.where(finite & (values > span[1]), values, span[1])])
@@ -99,12 +99,12 @@ def bounds(model: Model, tolerance: float | tuple[float, ...], latest: Crossings
     share = jnp.asarray([SETTLE_WINDOW * number for number in tolerance_of_each], latest.dtype)
     declared = [1.0 if q.circular else q.scale for q in model.observables]
     scales = jnp.asarray([0.0 if scale is None else scale for scale in declared], latest.dtype)
-    unscaled = np.asarray(_unscaled(model), np.int64)
-    if unscaled.size == 0:
+    places = np.asarray(unscaled(model), np.int64)
+    if places.size == 0:
         return share * scales
-    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, unscaled]), axis=0)
+    smallest = MIN_RELATIVE_SCALE * jnp.max(jnp.abs(latest[:, places]), axis=0)
     of_span = jnp.maximum(jnp.maximum(span[1] - span[0], smallest), MIN_SCALE)
-    return share * scales.at[unscaled].set(of_span)
+    return share * scales.at[places].set(of_span)
 
 
 def slowest(moved: Crossings) -> Integer:

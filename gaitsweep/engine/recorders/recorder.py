@@ -151,7 +151,7 @@ class Recorder(abc.ABC):
     """
 
     # Numbers of each row in addition to the engine's, which `record` may set: the period of the attractor in
-    # crossings, 0 if unknown, and the place of the observable that kept the row from settling.
+    # crossings, 0 if unknown, and the place of the observable that moved most.
     numbers: tuple[RowNumber, ...] = (
         RowNumber("period", np.int8),
         RowNumber("slowest", np.int64, absent=-1),
