@@ -67,9 +67,9 @@ def footprints(
     Limbs have the names and colours of `gaitsweep animate`. Cycles count from the beginning of the window.
 
     A loss of contact within a stance is filled if it is at most an eighth of the cycle and half of its leg's
-    longest swing; all longer ones are swings. The cycle is the time between touchdowns after swings, of such
-    times the one that halves their sum; without two such touchdowns of a leg nothing is filled. The legend gives
-    the number of filled losses and the longest one.
+    longest swing; all longer ones are swings. The legend gives the number of filled losses, and the longest.
+    The cycle is the time between touchdowns after swings: of all these times, the one that halves their sum.
+    If no leg has two such touchdowns, nothing is filled.
 
     In a chain of legs the link whose lag is free along the analytic solutions has its own colour.
 
@@ -238,8 +238,10 @@ def _swings(contacts: Sequence[Stances]) -> list[Bool[np.ndarray, " gaps"]]:
 
 def _usual(durations: Float[np.ndarray, " durations"]) -> float:
     """The duration (s) that halves their sum, which many short ones hardly change; 0 of none."""
+    if not len(durations):
+        return 0.0
     durations = np.sort(durations)
-    return float(durations[np.searchsorted(durations.cumsum(), 0.5 * durations.sum())]) if len(durations) else 0.0
+    return float(durations[np.searchsorted(durations.cumsum(), 0.5 * durations.sum())])
 
 
 def joined_stances(
