@@ -72,7 +72,7 @@ def test_a_family_is_followed_along_its_energy() -> None:
     np.testing.assert_allclose(table["multiplier"], 1.0, atol=1e-6)
     assert np.all(np.abs(table["drift_energy"]) < 1e-8)
     described = table.attrs["quantities"]
-    assert [name for name in table if not described.get(name, {}).get("meaning")] == ["row", "direction"]
+    assert [name for name in table if not described.get(name, {}).get("meaning")] == ["direction"]
     assert {name: described[name]["unit"] for name in ("energy", "drift_energy", "time", "v")} == {
         "energy": "J/kg", "drift_energy": "J/kg", "time": "s", "v": "m/s",
     }  # fmt: skip
