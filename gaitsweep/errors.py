@@ -64,10 +64,10 @@ class ArgumentError(UserError, ValueError):
 
 
 class JobError(UserError):
-    """A job that cannot be run: `diagnostics` has all errors, the message the first few."""
+    """A job that cannot be run: `diagnostics` has all errors, causes first; the message has the first few."""
 
     def __init__(self, diagnostics: Sequence[Diagnostic]) -> None:
-        self.diagnostics = tuple(dict.fromkeys(diagnostics))
+        self.diagnostics = tuple(sorted(dict.fromkeys(diagnostics), key=lambda each: not each.is_cause))
         lines = [str(diagnostic) for diagnostic in self.diagnostics[:_MAX_ERRORS]]
         if len(self.diagnostics) > _MAX_ERRORS:
             lines.append(f"... and {len(self.diagnostics) - _MAX_ERRORS} more.")

@@ -33,7 +33,7 @@ from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_f
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
-from gaitsweep.kinds.columns import AT_REST, gaits, quantities_of
+from gaitsweep.kinds.columns import AT_REST, Column, drifts, gaits, quantities_of
 from gaitsweep.kinds.fixed_points import gait_numbers
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
@@ -155,7 +155,8 @@ class FixedPointsOfModel(abc.ABC):
 
         Returns:
             One record a point of a branch, as of `analysis.continuation.continuation`; `row` is the place of
-            its start, `direction` that of the branch at its start, and `gait` its gait.
+            its start, `direction` that of the branch at its start, and `gait` its gait. Observables have
+            their own names, such as `z`; in the table of a job they are `z_n`, as at any crossing.
             `gs.plot.continuation` draws it.
 
         Raises:
@@ -254,7 +255,11 @@ class FixedPointsOfModel(abc.ABC):
         table.attrs["job"] = {"run": {"kind": "continuation", "parameter": parameter}}
         names = (*self.coordinates, *(quantity.name for quantity in self.model.observables))
         recorded = [name for name in dict.fromkeys(names) if name in table]
-        table.attrs |= {"quantities": quantities_of(self.model), "recorded": recorded}
+        conserved = self.mapping.conserved
+        described = [Column(name) for name in table if name not in recorded]
+        described += [Column(q.name, None, q) for q in conserved]
+        described += drifts(self.conserved, conserved)
+        table.attrs |= {"quantities": quantities_of(self.model, described), "recorded": recorded}
         return table
 
     def _points(self, x: Any) -> tuple[Points, bool]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -126,6 +126,16 @@ def changing(*names: str) -> list[Column]:
 def observed_at_crossings(model: Model) -> list[Column]:
     """The observables at each crossing, such as `psi_1_n`."""
     return [Column(f"{q.name}_n", None, q, False) for q in model.observables]
+
+
+def drifts(held: Iterable[str], conserved: Iterable[Quantity]) -> list[Column]:
+    """What a cycle adds to each conserved quantity that is held, such as `drift_E`."""
+    units = {q.name: q.unit for q in conserved}
+    added = [
+        Quantity(f"drift_{name}", units.get(name, "1"), f"what a cycle adds to {name}, which is held")
+        for name in held
+    ]
+    return [Column(quantity.name, None, quantity, False) for quantity in added]
 
 
 def rests_at_crossings(

@@ -77,7 +77,9 @@ class Continuation(FollowsFixedPoints):
             *changing(*(["branch"] if self.crossing else []), self.parameter),
             *observed_at_crossings(model),
             Column("gait"),
-            *changing("time", *(f"drift_{name}" for name in self.fix), "multiplier", "multiplier_re"),
+            *changing("time"),
+            *self.drifts(model),
+            *changing("multiplier", "multiplier_re"),
             *map(Column, ("multiplier_im", "unstable", "stable", "special", "corrections", "end", "status")),
         ]
         return self.own_columns(columns)

@@ -19,7 +19,7 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.branch_table import OF_FLOW, OF_MAP
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.continuation.stable_ranges import MARKS
-from gaitsweep.contract import Model
+from gaitsweep.contract import Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
@@ -30,7 +30,7 @@ from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
-from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, gaits
+from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, drifts, gaits
 from gaitsweep.kinds.run_kind import (
     BlockProgress,
     StartingPoints,
@@ -167,8 +167,7 @@ class FollowsFixedPoints(TableRunKind):
         if self.without:
             text = "names variables that need not rest, but cycles are followed: give run.stationary, too."
             wrong.append(Diagnostic(("run", "without"), text))
-        chart = model.chart()
-        names = [] if chart is None else [quantity.name for quantity in chart.conserved]
+        names = [quantity.name for quantity in _conserved(model)]
         for index, name in enumerate(self.fix):
             if name not in names:
                 near = near_miss.suggestion(name, names) if names else "."
@@ -237,6 +236,10 @@ class FollowsFixedPoints(TableRunKind):
         values = {name: column for name, column in parameters.items() if name not in following}
         return tuple(following.items()), values, starts
 
+    def drifts(self, model: Model) -> list[Column]:
+        """What a cycle adds to each quantity in `fix`."""
+        return drifts(self.fix, _conserved(model) if self.fix else ())
+
     def own_columns(self, columns: list[Column]) -> list[Column]:
         """The columns of a table of cycles; where stationary points are followed, those of their table."""
         if not self.stationary:
@@ -292,6 +295,12 @@ class FollowsFixedPoints(TableRunKind):
         table = table.reindex(columns=table_columns(rows, self))
         texts = {name: table[name].astype(object).fillna("") for name in ("special", "end")}
         return table.assign(**{name: pd.Categorical(text) for name, text in texts.items()})
+
+
+def _conserved(model: Model) -> tuple[Quantity, ...]:
+    """The quantities that the return map of a model conserves."""
+    chart = model.chart()
+    return () if chart is None else chart.conserved
 
 
 def bifurcations_found(table: pd.DataFrame, parameter: str) -> str:

@@ -26,7 +26,8 @@ from gaitsweep.skeleton import Limb, LimbLook
 
 _NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
 _NEAR_FREE = 0.55  # cycles: the same at a link whose lag is free
-_HOP = 0.5  # least duration of a swing, as a share of the leg's longest one
+_OF_SWING = 0.5  # least duration of a swing, as a share of the leg's longest one
+_OF_CYCLE = 1.0 / 8.0  # longest loss of contact within a stance, as a share of the cycle
 _REGULAR = 0.75  # least share of the times between touchdowns near their median, if no leg stumbles
 _NEAR_MEDIAN = 0.2  # relative difference of such a time from the median
 _BAR = 0.62  # height of a bar, as a share of its row
@@ -65,7 +66,11 @@ def footprints(
 
     Limbs have the names and colours of `gaitsweep animate`. Cycles count from the beginning of the window.
 
-    Losses of contact shorter than half a swing are filled; the legend gives their number and the longest one.
+    A loss of contact within a stance is filled if it is at most an eighth of the cycle and half of its leg's
+    longest swing; all longer ones are swings. The legend gives the number of filled losses, and the longest.
+    The cycle is the time between touchdowns after swings: of all these times, the one that halves their sum.
+    If no leg has two such touchdowns, nothing is filled.
+
     In a chain of legs the link whose lag is free along the analytic solutions has its own colour.
 
     Args:
@@ -161,12 +166,11 @@ def _draw_panel(
         theme.message(axes, f"This row was recorded from {first:.4g} to {last:.4g} s only.")
         return _Drawn(set(), [])
     contacts = [contact_intervals(t, samples[f"contact_{leg}"].to_numpy(float)) for leg in legs]
-    gaps = [starts[1:] - stops[:-1] for starts, stops in contacts]
-    swings = [of_leg > _HOP * of_leg.max(initial=0.0) for of_leg in gaps]
+    swings = _swings(contacts)
     hops = [
         float(gap)
-        for (starts, stops), of_leg, swing in zip(contacts, gaps, swings, strict=True)
-        for gap in of_leg[~swing & (stops[:-1] >= low) & (starts[1:] <= high)]
+        for (starts, stops), swing in zip(contacts, swings, strict=True)
+        for gap in (starts[1:] - stops[:-1])[~swing & (stops[:-1] >= low) & (starts[1:] <= high)]
     ]
     stances = [joined_stances(*contact, swing) for contact, swing in zip(contacts, swings, strict=True)]
     draw_stances(axes, stances, limbs, _BAR)
@@ -218,6 +222,26 @@ def contact_intervals(
     edges = np.r_[t[0], 0.5 * (t[1:] + t[:-1]), t[-1]]
     turns = np.flatnonzero(np.diff(np.r_[False, down, False]))
     return edges[turns[::2]], edges[turns[1::2]]
+
+
+def _swings(contacts: Sequence[Stances]) -> list[Bool[np.ndarray, " gaps"]]:
+    """Whether each loss of contact of each leg is a swing; the others are short ones within a stance."""
+    gaps = [starts[1:] - stops[:-1] for starts, stops in contacts]
+    # touchdowns after losses that are long beside the leg's usual one, whatever its longest one is
+    landed = [
+        starts[1:][of_leg > _OF_SWING * _usual(of_leg)]
+        for (starts, _), of_leg in zip(contacts, gaps, strict=True)
+    ]
+    cycle = _usual(np.concatenate([np.diff(times) for times in landed]))
+    return [of_leg > min(_OF_CYCLE * cycle, _OF_SWING * of_leg.max(initial=0.0)) for of_leg in gaps]
+
+
+def _usual(durations: Float[np.ndarray, " durations"]) -> float:
+    """The duration (s) that halves their sum, which many short ones hardly change; 0 of none."""
+    if not len(durations):
+        return 0.0
+    durations = np.sort(durations)
+    return float(durations[np.searchsorted(durations.cumsum(), 0.5 * durations.sum())])
 
 
 def joined_stances(

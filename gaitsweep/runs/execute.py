@@ -115,7 +115,8 @@ def _run(
                 on_message(notice)
             for caveat in spec.model.caveats():
                 on_message(f"Warning: {caveat}")
-            for remark in remarks_on_rows(context.design, context.job.model):
+            # those that begin beyond a surface are counted in `sum_up`, all of them
+            for remark in remarks_on_rows(context.design, context.job.model, surfaces=False):
                 on_message(f"Warning: {remark}")
             if _rows_leave_the_host_idle(context):
                 check.begin()

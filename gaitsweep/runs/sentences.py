@@ -88,7 +88,7 @@ def _largest(check: dict[str, Any]) -> str:
     """Format the largest change of an observable."""
     largest = {name: value for name, value in check.get("largest", {}).items() if value == value}
     if not largest:
-        return "there was nothing to compare"
+        return "no observable was compared"
     worst = check["worst"]
     unit = "" if worst["unit"] == "1" else f" {worst['unit']}"
     name = "the time of a crossing" if worst["name"] == "t" else worst["name"]

@@ -24,7 +24,8 @@ class Diagnostic:
     """An error in a field of a job.
 
     `text` follows the name of the field at `path`, after a space unless it begins with a colon. `file` and
-    `line` are its place if known; `place` is "--set key=value" if the field was set there.
+    `line` are its place if known; `place` is "--set key=value" if the field was set there. `is_cause` is true
+    of a section that does not exist: its typo is the cause of others, such as a start that is missing.
     """
 
     path: Path
@@ -32,6 +33,7 @@ class Diagnostic:
     file: str = ""
     line: int | None = None
     place: str = ""
+    is_cause: bool = False
 
     def __str__(self) -> str:
         line = self.place
@@ -130,7 +132,7 @@ def unknown_field(path: Path, section: str, allowed: Iterable[str], place: str =
     of_section = f" of {section}" if section else ""
     near = near_miss.suggestion(str(path[-1]), allowed)
     end = f": it belongs {place}. {near_miss.allowing(allowed)}" if place else near
-    return Diagnostic(path, f"is not a field{of_section}{end}")
+    return Diagnostic(path, f"is not a field{of_section}{end}", is_cause=len(path) == 1)
 
 
 def unknown_name(path: Path, name: str, kind: str, allowed: Iterable[str]) -> Diagnostic:

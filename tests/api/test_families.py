@@ -13,6 +13,8 @@ import gaitsweep as gs
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.examples.slip_runner import SlipRunner
 from gaitsweep.examples.spring_mass_walker import SpringMassWalker
+from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds.columns import quantities_of
 
 OMEGA = 1.7
 
@@ -69,6 +71,20 @@ def test_a_family_is_followed_along_its_energy() -> None:
     np.testing.assert_allclose(table["multiplier_re"], np.cos(OMEGA * exact), atol=1e-6)
     np.testing.assert_allclose(table["multiplier"], 1.0, atol=1e-6)
     assert np.all(np.abs(table["drift_energy"]) < 1e-8)
+    described = table.attrs["quantities"]
+    assert [name for name in table if not described.get(name, {}).get("meaning")] == ["direction"]
+    assert {name: described[name]["unit"] for name in ("energy", "drift_energy", "time", "v")} == {
+        "energy": "J/kg", "drift_energy": "J/kg", "time": "s", "v": "m/s",
+    }  # fmt: skip
+
+
+def test_what_a_cycle_adds_has_the_unit_of_what_is_held() -> None:
+    model = TwoSprings()
+    along: dict[str, Any] = {"parameter": "omega", "path": [1.7, 2.0], "fix": ["energy"]}
+    runs = gs.Continuation(**along), RUN_KINDS["atlas"](**along, ranges={"v_0": [0.5, 1.0]})
+    for run in runs:
+        drift = quantities_of(model, run.all_columns(model))["drift_energy"]
+        assert (drift["unit"], drift["meaning"]) == ("J/kg", "what a cycle adds to energy, which is held")
 
 
 class FreeRunner(SlipRunner):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,9 +13,12 @@ import yaml
 import gaitsweep as gs
 from gaitsweep import models
 from gaitsweep.expression import resolve
+from gaitsweep.kinds.columns import quantities_of
+from gaitsweep.kinds.run_kind import table_columns
 from gaitsweep.models.value_faults import faults
 from gaitsweep.shipped import EXAMPLES
 
+SWEEPS = Path(__file__).parents[2] / "sweeps"
 NAMES = sorted(file.stem for file in EXAMPLES.glob("*.yaml"))
 
 
@@ -25,6 +29,24 @@ def test_an_example_keeps_the_contract(name: str) -> None:
     assert job.name == name
     assert job.figures
     assert faults(models.find(job.model)) == []
+
+
+@pytest.mark.slow
+def test_every_column_of_a_shipped_job_has_a_meaning() -> None:
+    without: dict[str, list[str]] = {}
+    seen = set()
+    for file in (*EXAMPLES.glob("*.yaml"), *SWEEPS.glob("*.yaml")):
+        fields = yaml.safe_load(file.read_text(encoding="utf-8"))
+        decides = str([fields.get("config"), fields.get("model"), fields.get("run", {}).get("kind")])
+        if {"search", "sensitivity"} & set(fields) or (decides in seen and "fix" not in fields["run"]):
+            continue
+        seen.add(decides)
+        job = gs.load_job(file)
+        quantities = quantities_of(job.design.model, job.run.all_columns(job.design.model))
+        _, *columns = table_columns(job.design, job.run)
+        if lacking := [name for name in columns if not quantities.get(name, {}).get("meaning")]:
+            without[file.name] = lacking
+    assert without == {}
 
 
 # XLA compiles four_legs for a minute, and tests/examples/test_four_legs.py compares it with theory;

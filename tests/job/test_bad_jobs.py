@@ -618,6 +618,22 @@ def test_several_things_at_once(tmp_path: Path) -> None:
     assert message.endswith("... and 1 more.")
 
 
+@pytest.mark.parametrize(
+    ("section", "typo", "follows"),
+    [
+        ("name:", "nmae:", ["name is missing"]),
+        ("vary:", "vray:", ["figures[0].x is launch_1"]),
+        ("run:", "rnu:", ["run is missing"]),
+    ],
+)
+def test_the_typo_of_a_section_comes_before_what_follows_from_it(
+    tmp_path: Path, section: str, typo: str, follows: list[str]
+) -> None:
+    first, *further = refused(written(tmp_path, GOOD.replace(section, typo))).splitlines()
+    assert f"{typo[:-1]} is not a field of a job; did you mean {section[:-1]}?" in first
+    assert all(word in each for each, word in zip(further, follows, strict=True))
+
+
 def test_in_python_the_field_is_named() -> None:
     with pytest.raises(JobError) as error:
         Job(name="a", model="toy_model:Toy", vary={"mas": [1]}, run={"kind": "settle"})

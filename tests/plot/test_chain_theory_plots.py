@@ -105,6 +105,41 @@ def test_footprints_of_the_chain_mark_the_link_whose_lag_is_free() -> None:
     assert "the lag of this link is free" not in words
 
 
+def bars_of(table: pd.DataFrame) -> list[list[tuple[float, float]]]:
+    """The ends (s) of the bars of each leg in the first panel."""
+    extents = [
+        [path.get_extents() for path in bars.get_paths()]
+        for bars in plot.footprints(table, guides=False).axes[0].collections
+    ]
+    return [[(round(each.x0, 3), round(each.x1, 3)) for each in of_leg] for of_leg in extents]
+
+
+def stepping(legs: list[list[tuple[float, float]]], duration: float) -> pd.DataFrame:
+    """A trace of legs that are on the ground between these times, s."""
+    t = np.arange(0.0005, duration, 0.001)
+    down = [np.any([(a <= t) & (t < b) for a, b in stances], axis=0) for stances in legs]
+    return pd.DataFrame({"row": 0, "t": t, **{f"contact_{i + 1}": each * 1.0 for i, each in enumerate(down)}})
+
+
+def test_a_swing_is_no_loss_within_a_stance_if_another_of_its_leg_is_twice_as_long() -> None:
+    """A quadruped on the moon: a leg that leaves a cycle out swings for more than two of its other swings."""
+    regular = [(0.15 + 0.31 * k, 0.22 + 0.31 * k) for k in range(6)]
+    leaves_out = [(0.05, 0.09), (0.62, 0.70), (0.966, 1.0), (1.527, 1.608), (1.856, 1.91)]
+    assert bars_of(stepping([regular, leaves_out], 2.0)) == [
+        [(round(a, 3), round(b, 3)) for a, b in stances] for stances in (regular, leaves_out)
+    ]
+
+
+def test_losses_are_filled_up_to_an_eighth_of_the_cycle_and_half_of_the_longest_swing() -> None:
+    for loss, filled in ((0.12, True), (0.13, False)):
+        stances = [(k + start, k + end) for k in range(6) for start, end in ((0.0, 0.3), (0.3 + loss, 0.6))]
+        assert len(bars_of(stepping([stances], 6.0))[0]) == (6 if filled else 12)
+    swings = [(k + 0.02, k + 1.0) for k in range(6)]  # shorter than an eighth, but there are no longer ones
+    assert len(bars_of(stepping([swings], 6.0))[0]) == 6
+    once = [(0.0, 0.3), (0.32, 0.6), (0.9, 1.1)]  # a single step: no cycle is known
+    assert len(bars_of(stepping([once], 1.2))[0]) == 3
+
+
 def test_short_losses_of_contact_are_filled_and_said() -> None:
     table = trace_table(4, 1)
     loose = table["t"].between(5.02, 5.12)

@@ -94,6 +94,12 @@ def test_what_is_no_table_is_refused() -> None:
         basin("DIR", x="psi_1", y="psi_2")
 
 
+@pytest.mark.parametrize("spec", [{}, {"panels": "psi_3"}, {"hue": "cycles"}])
+def test_basins_of_a_table_without_rows_say_so(spec: dict) -> None:
+    (axes,) = plot.basin(settle_table().iloc[:0], x="psi_1", y="psi_2", **spec).axes
+    assert [text.get_text() for text in axes.texts] == ["no rows yet"]
+
+
 @pytest.mark.parametrize("whole", ["none of its rows", "failed", "no numbers"])
 def test_tables_of_little_use_do_not_crash(whole: str) -> None:
     settle, crossing, trace = settle_table(), crossing_table(), trace_table()

@@ -60,6 +60,10 @@ def test_a_step_that_does_not_matter_passes(tmp_path: Path) -> None:
     assert "1 row rerun at 0.38 of the step kept its gait; x " in self_check_sentence(
         {**result, "rows": 1, "of": 1}
     )
+    other = {"rows": 1, "of": 1, "verdict": "warned", "status_differs": 1, "largest": {}}
+    assert self_check_sentence({**result, **other}).endswith(
+        "1 ended with another status; no observable was compared."
+    )
     assert checked(tmp_path / "all", vary={"x_0": {"linspace": [-0.9, 0.9, 20]}}, verify=20)["rows"] == 20
 
 
