@@ -21,7 +21,7 @@ _TRIED_ROWS = 64
 _AXES_WITH_CORNERS = 5
 
 
-def remarks_on_rows(design: Design, name: str, *, surfaces: bool = True) -> list[str]:
+def remarks_on_rows(design: Design, name: str) -> list[str]:
     """Return sentences about starts without effect on a user's model, and about faults at some rows.
 
     Rows are the corners of the axes and others, or all rows of a small job. Of models of gaitsweep only
@@ -31,7 +31,6 @@ def remarks_on_rows(design: Design, name: str, *, surfaces: bool = True) -> list
     Args:
         design: the job's rows.
         name: the name of the model in the job.
-        surfaces: whether to report starts on or beyond the surface of an event. A run counts them at its end.
     """
     model = design.model
     if model.host_parameters:
@@ -45,8 +44,7 @@ def remarks_on_rows(design: Design, name: str, *, surfaces: bool = True) -> list
             in_ground = starts_in_ground(model, *design.values_in(once), _words_of_rows(design, once))
             remarks = [*(f"{text[0].upper()}{text[1:]}" for text in in_ground), *remarks]
         if of_user:
-            words_of_rows = _words_of_rows(design, rows)
-            faults = faults_of_rows(model, *design.values_in(rows), words_of_rows, surfaces=surfaces)
+            faults = faults_of_rows(model, *design.values_in(rows), _words_of_rows(design, rows))
             remarks += [f"The model is {name}, {words}" for words in faults]
     except (ExpressionError, JobError):
         pass  # the run reports these, where it comes to their rows

@@ -197,15 +197,12 @@ def _value_faults(model: Model) -> Iterator[str]:
     yield from _range_faults(model, begun, points, lambda row: written(known, row))
 
 
-def faults_of_rows(
-    model: Model, values: Columns, starts: Columns, where: Where, *, surfaces: bool = True
-) -> list[str]:
+def faults_of_rows(model: Model, values: Columns, starts: Columns, where: Where) -> list[str]:
     """Find faults as `faults` does, at parameters and starts (n,) of a job's rows.
 
     Args:
         model, values, starts: the rows; a model without `host_parameters`.
         where: function from the place of a row among these to words such as " at the start of row 3".
-        surfaces: whether to report starts on or beyond the surface of an event.
 
     Returns:
         Ends of sentences, as in `fault`.
@@ -215,8 +212,6 @@ def faults_of_rows(
     sentences = [*_start_faults(model, at_starts, where), *_range_faults(model, at_starts, points, where)]
     if np.all(at_starts.fallen):
         sentences.append(f"but its function failed returns True{where(0)} and at all other starts tried.")
-    if not surfaces:
-        return sentences
     has_guards = at_starts.guards is None or ~np.any(np.isnan(at_starts.guards), axis=1)
     for name, beyond in at_starts.beyond.items():
         if (row := _first_row(beyond & has_guards)) is not None:

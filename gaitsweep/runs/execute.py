@@ -115,8 +115,7 @@ def _run(
                 on_message(notice)
             for caveat in spec.model.caveats():
                 on_message(f"Warning: {caveat}")
-            # those that begin beyond a surface are counted in `sum_up`, all of them
-            for remark in remarks_on_rows(context.design, context.job.model, surfaces=False):
+            for remark in remarks_on_rows(context.design, context.job.model):
                 on_message(f"Warning: {remark}")
             if _rows_leave_the_host_idle(context):
                 check.begin()

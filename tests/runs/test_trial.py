@@ -69,7 +69,7 @@ def test_a_run_reports_wrong_labels_and_starts_beyond_a_surface() -> None:
     message = " ".join(str(each.message) for each in said)
     assert "label gave gait 2" in message
     assert "label gave gait -1 in 1 row (row 1)" in message
-    assert message.count("'wall'") == 1  # at the end, where all rows are counted
+    assert "'wall'" in message
 
 
 class Unlabelled(Swings):
@@ -206,10 +206,10 @@ def test_a_run_reports_them_before_the_first_row(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr("gaitsweep.runs.execute._run_missing", stop)
     with (
-        pytest.warns(UserWarning, match="event 'tips' is not ended by its jump .* of row 1") as said,
+        pytest.warns(UserWarning, match="surface of its event 'wall' at the start of row 1") as said,
         pytest.raises(InterruptedError),
     ):
-        gs.sweep(Tips, w=[2.0, 6.0], run=gs.Settle(max_cycles=20), verify=0)
+        gs.sweep(Unlabelled, x_0=[1.0, 12.0], run=gs.Settle(max_cycles=20), verify=0)
     assert len(said) == 1
 
 
