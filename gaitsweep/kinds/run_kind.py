@@ -245,8 +245,8 @@ class RunKind(StrictModel, abc.ABC):
         """The parts of a complete table that are files of their own beside it, by the name of the file."""
         return {}
 
-    @final
     @classmethod
+    @final
     def idle(cls, fields: Mapping[str, Any]) -> set[str]:
         """The names of those fields that have no effect beside the others (`idle_without`)."""
         return {name for key, names in cls.idle_without.items() if not fields.get(key) for name in names}
