@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,7 @@ def test_gaits_of_a_branch_are_in_order() -> None:
     assert transition_measures.gaits_of_branch(table, parameter="f") == ["trot", "walk"]
 
 
-def trace(lags: tuple[float, float, float, float], broken: float = 0.0) -> pd.DataFrame:
+def trace(lags: Sequence[float], broken: float = 0.0) -> pd.DataFrame:
     """Contacts of period 0.4 s: foot i lands `lags[i]` rad late, and `broken` s are missing in its stance."""
     t = np.arange(0.0, 2.0, 1e-3)
     columns: dict[str, object] = {"row": 0, "t": t}
