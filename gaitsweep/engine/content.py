@@ -305,7 +305,7 @@ ModelKey = tuple[str, str, int]  # the module and the name of the class of a mod
 
 # The files that the functions of a model read as they are traced.
 _FILES: dict[ModelKey, set[Path]] = {}
-# The latest content of each model and function.
+# The latest content of each model, and of each function: one that is gone may leave its hash to another.
 _LATEST: dict[ModelKey, str] = {}
 _LATEST_OF_FUNCTIONS: WeakKeyDictionary[Callable[..., Any], str] = WeakKeyDictionary()
 # Results that hold while models do not change; None outside of `held_contents`.
@@ -359,7 +359,6 @@ def content_of(model: Model | Callable[..., Any]) -> str:
         reader.read((str(file), _stamp(file)))
     content = reader.digest.hexdigest()
     # JAX keeps traces of a user's jitted functions and loops, which may have read what has changed
-    # a function that is gone may have left its hash to another one
     latest: Any = _LATEST if isinstance(model, Model) else _LATEST_OF_FUNCTIONS
     place: Any = key if isinstance(model, Model) else model
     if latest.get(place, content) != content:

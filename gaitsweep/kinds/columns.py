@@ -129,7 +129,7 @@ def observed_at_crossings(model: Model) -> list[Column]:
 
 
 def drifts(held: Iterable[str], conserved: Iterable[Quantity]) -> list[Column]:
-    """What a cycle adds to each conserved quantity that is held, such as `drift_E`."""
+    """The columns of drifts, such as `drift_E`: a cycle adds so much to a conserved quantity that is held."""
     units = {q.name: q.unit for q in conserved}
     added = [
         Quantity(f"drift_{name}", units.get(name, "1"), f"what a cycle adds to {name}, which is held")

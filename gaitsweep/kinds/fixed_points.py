@@ -237,7 +237,7 @@ class FollowsFixedPoints(TableRunKind):
         return tuple(following.items()), values, starts
 
     def drifts(self, model: Model) -> list[Column]:
-        """What a cycle adds to each quantity in `fix`."""
+        """The columns of the drifts of the quantities in `fix`."""
         return drifts(self.fix, _conserved(model) if self.fix else ())
 
     def own_columns(self, columns: list[Column]) -> list[Column]:

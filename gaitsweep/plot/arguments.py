@@ -17,7 +17,7 @@ from gaitsweep.schema.numbers import Flag, Positive, Real, Stem, Text, checked, 
 
 
 class Role(enum.Enum):
-    """What an argument names, as a mark of its type; a value is the list of `FigureKind` that it is in."""
+    """Kind of quantity that an argument names, as a mark of its type; a value is its list in `FigureKind`."""
 
     COLUMN = "column_fields"
     ALONG_AXIS = "axis_fields"
