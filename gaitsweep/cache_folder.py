@@ -11,11 +11,11 @@ import functools
 import hashlib
 import os
 import stat
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from gaitsweep.compiling_threads import compiling
+from gaitsweep.errors import warn
 
 _DIGEST = 32  # bytes before the content of a file
 
@@ -56,7 +56,7 @@ def _cache() -> Path:
 @functools.cache
 def _warn_once(sentence: str) -> None:
     """Warn with a sentence at its first use in this process."""
-    warnings.warn(sentence, stacklevel=3)
+    warn(sentence)
 
 
 def store_cached(file: Path, content: bytes) -> None:

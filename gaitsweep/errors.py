@@ -1,13 +1,17 @@
-"""Errors that a user can correct, each a sentence without a traceback, and the exit codes of the command.
+"""Errors that a user can correct, each a sentence without a traceback, exit codes of the command, warnings.
 
-Here are their base and those that several rooms raise: of jobs, models, arguments and systems. An error of
-one room is defined there, such as `TableError` (`table/atomic_files.py`) and `RunError` (`runs/prepare.py`).
+Here are the base of all errors and those that several rooms raise: of jobs, models, arguments and systems.
+An error of one room is defined there, such as `TableError` (`table/atomic_files.py`) and `RunError`
+(`runs/prepare.py`).
 """
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
@@ -20,6 +24,7 @@ EXIT_STRICT = 3  # with `--strict`: complete, but the self-check warns or a clai
 EXIT_STOPPED = 130  # Ctrl-C: 128 and the number of SIGINT
 EXIT_TERMINATED = 143  # 128 and the number of SIGTERM
 
+_BELOW = (str(Path(__file__).parent), contextlib.__file__)  # code between the user's line and a warning
 _MAX_ERRORS = 5  # in the message of a job
 
 
@@ -45,6 +50,14 @@ class UserError(Exception):
 
 class UnsupportedSystem(UserError):
     """This system lacks a feature that the request needs; the message names an alternative."""
+
+
+def warn(sentence: str) -> None:
+    """Issue a sentence as a Python warning at the line of the caller's code that led to it."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_BELOW):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(sentence.removeprefix("Warning: "), stacklevel=level)
 
 
 def refuse_windows() -> None:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from pydantic import BaseModel
 
 from gaitsweep.api.keywords import AnyModel, fields_without_axes, is_job, refuse_beside_a_job
-from gaitsweep.api.run import cluster_of, refuse_of_session, warn
-from gaitsweep.errors import ArgumentError
+from gaitsweep.api.run import cluster_of, refuse_of_session
+from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.fitting.search import SearchResult, run_search
 from gaitsweep.fitting.search_job import load_search, read_search
 from gaitsweep.fitting.sensitivity import Sensitivity, run_sensitivity

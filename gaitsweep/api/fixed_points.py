@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import abc
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
@@ -30,7 +29,7 @@ from gaitsweep.engine.poincare.map_derivatives import LevelMap
 from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
 from gaitsweep.kinds.columns import AT_REST, Column, drifts, gaits, quantities_of
@@ -324,10 +323,7 @@ class FixedPointsOfModel(abc.ABC):
         failed = int(np.count_nonzero(halts))
         if failed:
             crossings = cycles * self._period
-            warnings.warn(
-                f"{failed} of {len(points)} starts did not cross the section {crossings} times.",
-                stacklevel=3,
-            )
+            warn(f"{failed} of {len(points)} starts did not cross the section {crossings} times.")
         return points
 
 
@@ -349,7 +345,7 @@ def job_of_map(
     run = ReturnMap(crossings=1)
     job = job_of(model, values, run=run, params=params, start=start, any_start=True, **fields)
     for caveat in job.design.model.caveats():
-        warnings.warn(caveat, stacklevel=3)
+        warn(caveat)
     with_value = {*values, *(params or {}), *(start or {})}
     without_default = [q.name for q in job.design.model.initial_conditions if q.default is None]
     return job, [name for name in without_default if name not in with_value]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, overload
@@ -26,7 +25,7 @@ from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.pushed_model import flow_places
 from gaitsweep.engine.solver.methods import derivative_refusal
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
 
 
@@ -114,10 +113,9 @@ class PoincareMap(FixedPointsOfModel):
         if isinstance(x, FixedPoints) and not x.converged.all():
             factors[~x.converged] = complex(np.nan, np.nan)
             outcomes = sorted({NewtonOutcome(outcome).name for outcome in x.outcome[~x.converged]})
-            warnings.warn(
+            warn(
                 f"{np.count_nonzero(~x.converged)} of {len(x.converged)} points are no fixed points "
-                f"({', '.join(outcomes)}): their multipliers are NaN.",
-                stacklevel=2,
+                f"({', '.join(outcomes)}): their multipliers are NaN."
             )
         return factors
 

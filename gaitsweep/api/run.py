@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gaitsweep.api.result import Result
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job, load_job
 from gaitsweep.models import importable
 from gaitsweep.runs.execute import run_job, table_in_memory
@@ -106,13 +105,8 @@ def run_in_memory(job: Job, client: Client | None = None) -> Result:
     return _remarked(Result(table=table))
 
 
-def warn(sentence: str, level: int = 1) -> None:
-    """Issue a sentence as a Python warning."""
-    warnings.warn(sentence.removeprefix("Warning: "), stacklevel=level + 1)
-
-
 def _remarked(result: Result) -> Result:
     """Issue the remarks on a result as warnings, and return it."""
     for remark in remarks(result.manifest):
-        warn(remark, 4)
+        warn(remark)
     return result

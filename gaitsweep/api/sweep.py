@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from gaitsweep.api.run import run as run_job
 from gaitsweep.api.run import run_in_memory
 from gaitsweep.design.design import row_params
 from gaitsweep.engine.content import held_contents
-from gaitsweep.errors import ArgumentError
+from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
 from gaitsweep.kinds import Perturb, Settle, Trace
 from gaitsweep.runs.sentences import WITHOUT_START, fall_sentence
@@ -95,7 +94,7 @@ def simulate(
             raise ArgumentError(f"The trajectory cannot begin: {reason}.")
         meaning = recorded.attrs["quantities"]["status"]["meaning"]
         sentence = fall_sentence(meaning) if status is Status.fell else status.sentence
-        warnings.warn(f"The trajectory ended as {status.name}: {sentence}", stacklevel=2)
+        warn(f"The trajectory ended as {status.name}: {sentence}")
     signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]
     units = {name: "s" if name == "t" else quantities[name]["unit"] for name in map(str, signals.columns)}

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 
+from gaitsweep.errors import warn
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError, log_axes
 from gaitsweep.plot.figure_layout import (
@@ -171,10 +172,9 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             if requested.height is not None:
                 check_height(figure, height)
         if figure.get_figheight() > _TOO_HIGH and requested.height is None:
-            warnings.warn(
+            warn(
                 f"This figure is {INCH * figure.get_figheight():.0f} mm high, more than a page: give it a "
-                "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows.",
-                stacklevel=2,
+                "width of page, panel_columns or a height, or draw fewer panels, from a selection of rows."
             )
 
 

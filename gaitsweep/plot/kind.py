@@ -9,7 +9,6 @@ import contextlib
 import dataclasses
 import functools
 import inspect
-import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, ParamSpec, cast
 
@@ -19,6 +18,7 @@ from pydantic import Field, create_model
 from gaitsweep import near_miss
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.design import Design
+from gaitsweep.errors import warn
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Name, Role, fields_of, parts_of
@@ -327,7 +327,7 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
             raise PlotError(f"colours {idle}")
         if shared.colours and not any(kind.colours_of(name, spec, numbers) for name in shared.colours):
             idle = kind.idle_colours(shared.colours, spec, numbers)
-            warnings.warn(f"colours of plot.style {idle}", stacklevel=2)
+            warn(f"colours of plot.style {idle}")
         with styled(own, ax), _blaming_lost_units(table):
             figure = kind.draw(*args, **spec)
             panel = given_axes()

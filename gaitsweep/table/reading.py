@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import pyarrow as pa
 import yaml
 from numpy.typing import ArrayLike
 
+from gaitsweep.errors import warn
 from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
@@ -344,15 +344,13 @@ def _warn(snapshot: Snapshot) -> None:
     if not snapshot.complete:
         rows = snapshot.manifest["rows"]
         waiting = f" ({snapshot.rows_open} of them have ended, in incomplete blocks)"
-        warnings.warn(
+        warn(
             f"{snapshot.path} is not complete: {rows - snapshot.rows_done} of {rows} rows are missing"
             f"{waiting if snapshot.rows_open else ''}. Run its job again to continue.",
-            stacklevel=4,
         )
     if snapshot.job_edited:
-        warnings.warn(
+        warn(
             f"{snapshot.path / JOB} was changed after the run; the manifest has the job that was run.",
-            stacklevel=4,
         )
     if snapshot.files.undigested:
-        warnings.warn(f"{snapshot.path}: {snapshot.without_digests}.", stacklevel=4)
+        warn(f"{snapshot.path}: {snapshot.without_digests}.")

@@ -163,6 +163,7 @@ def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
     assert [outer["r"].min(), outer["r"].max()] == pytest.approx([-1.0, 1.0], abs=0.02)
 
 
+@pytest.mark.slow
 def test_hits_of_a_gait_count_where_its_image_is_listed() -> None:
     """Branches pass the images of orbits that the search found, which then have a record."""
     folded = PlainMap(
@@ -245,6 +246,7 @@ def test_a_pitchfork_is_found_in_any_range(within: tuple[float, float]) -> None:
     np.testing.assert_allclose([table["r"].min(), table["r"].max()], within, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_doubled_cycle_ends_at_its_parents_other_flip() -> None:
     """X -> -(1 + g) x + x^3 with g = r (1 - r): the cycle of period 2 leads from the flip r = 0 to r = 1."""
 
@@ -265,6 +267,7 @@ def test_a_doubled_cycle_ends_at_its_parents_other_flip() -> None:
     assert r[-1] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_curves_of_the_henon_map() -> None:
     """The fold is a = -(1 - b)^2 / 4, the flips 3 (1 - b)^2 / 4 and (1 - b)^2 + (1 + b)^2 / 4, to 1e-9."""
     search = searched(HENON, {"a": 0.2, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 1, 64)
@@ -284,6 +287,7 @@ def test_curves_of_the_henon_map() -> None:
     assert np.all(np.min(away, axis=0) < 1e-9)  # exactly at the borders
 
 
+@pytest.mark.slow
 def test_a_circle_and_its_resonances() -> None:
     """Along a = 2 the pair has cos(theta) = 1 - c / 2: 1:4 at c = 2, 1:3 at c = 3, and the end at 4."""
     search = searched(DELAYED, {"a": 1.5, "c": 1.0}, [0.1, 0.1], [0.6, 0.6], 1, 32)
@@ -302,6 +306,7 @@ def test_a_circle_and_its_resonances() -> None:
     assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_curve_of_corners() -> None:
     """X + p - q^2 - |x - q| / 2 has the gaits x = q +- 2 (p - q^2), which meet in the corner p = q^2."""
     cornered = PlainMap(

@@ -287,6 +287,7 @@ def test_two_bifurcations_within_one_step() -> None:
         np.testing.assert_allclose(result["r"], [0.0, 0.003], atol=1e-8)
 
 
+@pytest.mark.slow("60.0")
 @pytest.mark.parametrize("high", [10.0, 60.0])
 def test_a_pitchfork_seen_from_the_branch_that_turns(high: float) -> None:
     """Lorenz's flow over 1 s: from C+ the pitchfork at rho = 1, in ranges much wider than its natural scale.

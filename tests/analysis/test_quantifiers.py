@@ -82,6 +82,7 @@ def test_what_does_not_follow_is_missing() -> None:
     assert np.isnan(without["least_shock"].to_numpy(float)).all()
 
 
+@pytest.mark.slow
 def test_deviations_of_a_non_normal_map_grow_before_they_decay(table: Any) -> None:
     """The nth power of ((m, s), (0, m)) has the norm m^n (c + sqrt(c^2 + 4)) / 2, with c = n s / m."""
     starts, keeps, n = np.linspace(-1.0, 1.0, 4), 0.8, np.arange(60)

@@ -122,6 +122,7 @@ def specials(table: pd.DataFrame) -> pd.DataFrame:
 @pytest.mark.slow(
     "transcritical-values1-0.5",
     "supercritical_pitchfork-values3-0.0",
+    "supercritical_pitchfork-values4-0.7071067811865476",
     "subcritical_pitchfork-values5-0.7071067811865476",
 )
 @pytest.mark.parametrize(
@@ -275,6 +276,7 @@ def test_generalized_hopf_and_fold_hopf_points() -> None:
     assert specials(over_g.curves).empty
 
 
+@pytest.mark.slow
 def test_folds_and_cusp() -> None:
     """27 r^2 = 4 a^3 of a flow with a clock, which need not rest."""
     found = atlas(
@@ -289,6 +291,7 @@ def test_folds_and_cusp() -> None:
     np.testing.assert_allclose(found.curves["eigenvalue_re"], 0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_variables_that_never_rest() -> None:
     """A clock is refused, as is a place that no rate depends on, unless they are left out."""
     with pytest.raises(gs.ArgumentError, match=r"phase .* 3 rad/s.* `without`"):

@@ -135,6 +135,7 @@ def test_an_orbit_ends_where_a_trajectory_fails() -> None:
         gs.return_map(RimlessWheel(), period=3).settled({"rate_0": 0.01}, cycles=2)
 
 
+@pytest.mark.slow
 def test_phases_may_be_counted_by_an_integer_of_numpy() -> None:
     hops = gs.return_map(Hopper(), omega=3.7)
     gait = hops.fixed_points([0.4, 8.3])

@@ -45,6 +45,7 @@ def job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     """Its sets, its figures, and the targets that are met together."""
     assert main(["search", "job.yaml"]) == 0

@@ -28,6 +28,7 @@ def examples(module: str) -> list[doctest.DocTest]:
     "gaitsweep.api.fixed_points",
     "gaitsweep.api.return_map",
     "gaitsweep.dynamics.gaits_by_footfalls",
+    "gaitsweep.dynamics.sliding",
 )
 @pytest.mark.parametrize("module", MODULES)
 def test_examples_print_their_output(module: str) -> None:

@@ -701,6 +701,7 @@ def test_the_phase_of_the_first_leg_begins_below_a_turn(tmp_path: Path) -> None:
     assert [starts[f"phase_{i}_0"][0] for i in (1, 2)] == pytest.approx([0.0, 3.0 * np.pi], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_legs_whose_names_give_no_gaits_are_remarked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

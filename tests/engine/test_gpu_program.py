@@ -197,6 +197,7 @@ def test_orbits_thread_by_thread(other: str, on_card: Any, monkeypatch: pytest.M
     np.testing.assert_allclose(orbits, cpu.numbers["orbit"], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_exponents_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lyapunov exponents and statuses of the logistic map, whose exponent at r = 4 is ln 2, are a CPU's."""
 
@@ -238,6 +239,7 @@ def test_the_chain_thread_by_thread(on_card: Any, contraction: bool, monkeypatch
         np.testing.assert_array_equal(card.samples, cpu.samples)
 
 
+@pytest.mark.slow
 def test_constants_that_differ_between_rows(on_card: Any) -> None:
     """Only constants that all rows share are in constant memory; results are the same."""
     starts = {"launch_1": np.full(20, 1.3)}

@@ -124,6 +124,7 @@ def test_the_period_of_a_relaxation_oscillation(engine: str) -> None:
     np.testing.assert_allclose(periods, reference, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_an_event_among_stiff_modes() -> None:
     """A depth in the ground, met within a transient or long after one of 1e-6 s, in closed form."""
     table = gs.sweep(

@@ -112,6 +112,7 @@ def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pyte
     assert stored("name", model, (1.0,), work_out) == [3]
 
 
+@pytest.mark.slow
 def test_what_moves_a_parameter_decides_a_program(folder: Path) -> None:
     """A staircase or ramp with the same values has the same content, and with other values another."""
     model = spring(folder)
@@ -173,6 +174,7 @@ print(result.table[["x_end", "v_end"]].to_numpy().tolist())
 """
 
 
+@pytest.mark.slow
 def test_another_process_traces_nothing_and_an_edited_model_anew(tmp_path: Path) -> None:
     def run(stiffness: float) -> tuple[int, str]:
         """The number of traces of the flow, and the table."""

@@ -371,6 +371,7 @@ def test_the_estimate_counts_ramps() -> None:
     assert 0.8 < (needs["both"].steps - alone) / (alone * 1503.0 / 10.0) < 1.25
 
 
+@pytest.mark.slow
 def test_a_sensitivity_takes_ramps() -> None:
     result = gs.sensitivity(
         CuspFlow,

@@ -111,6 +111,7 @@ def by_keywords(fields: dict[str, Any], **more: Any) -> Any:
     return gs.search(toy_model.Toy, **{**given, **more})
 
 
+@pytest.mark.slow
 def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     fields = job(budget=32, start=16)
     stored = gs.search(fields, tmp_path / "stored")
@@ -309,6 +310,7 @@ def test_failed_sets_stay_in_the_table(tmp_path: Path) -> None:
     assert (table.loc[fell, f"{MISS}speed"] == FAILED_MISS).all()
 
 
+@pytest.mark.slow
 def test_sets_that_fail_first_are_not_measured_further(tmp_path: Path) -> None:
     asked = job(method="sobol", budget=64)
     asked["params"]["ceiling"] = 0.5

@@ -127,6 +127,7 @@ def test_workers_of_a_cluster_measure_the_same(tmp_path: Path) -> None:
     assert set(gs.load(tmp_path / "shared")["status"]) == {"complete", "failed"}
 
 
+@pytest.mark.slow
 def test_a_cluster_continues_a_stopped_batch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
     job = load_sensitivity(written(tmp_path, JOB, "job.yaml"))

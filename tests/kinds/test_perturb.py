@@ -310,6 +310,7 @@ def test_pushes_are_named_once_and_one_name_is_no_list_of_letters() -> None:
         pushes("launch", {"forse": True})
 
 
+@pytest.mark.slow
 def test_the_unstable_have_no_phase_response() -> None:
     hops = gs.return_map(Hopper(), omega=3.7)
     unstable = hops.fixed_points([5.9, 8.3])

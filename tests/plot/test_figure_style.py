@@ -149,6 +149,7 @@ def test_colours_of_gaits_are_refused_where_they_have_no_effect() -> None:
         gs.Job(**job, figures=[wrong | {"colours": None}], style={"colours": {"direct": "red"}})
 
 
+@pytest.mark.slow
 def test_colours_of_gaits_have_no_effect_on_a_colour_scale(recwarn: pytest.WarningsRecorder) -> None:
     """Rows that failed have a colour beside the scale, and a column of texts has no scale."""
     table = settle_table()
@@ -189,6 +190,7 @@ def test_periods_of_an_atlas_have_colours_and_no_gait_has() -> None:
         plot.draw("road_map", ball, y="phase", colours={"period 7": "red"})
 
 
+@pytest.mark.slow
 def test_letters_stand_above_headings_that_leave_them_no_room() -> None:
     """A heading wider than its panel reaches over the letter's place, so all letters are above it."""
     narrow: dict[str, Any] = {"width": "column", "panel_columns": 3}
@@ -217,6 +219,7 @@ def test_letters_of_one_panel_and_letters_that_are_chosen() -> None:
         letters(panel_letters="b")
 
 
+@pytest.mark.slow
 def test_one_letter_is_that_of_the_whole_figure_and_a_list_wins_over_true() -> None:
     """The first panels of a larger figure; the letter is in its top left corner and over no text."""
     for titled in ({}, {"title": "Basins of attraction of a walker with legs of three segments"}):
@@ -233,6 +236,7 @@ def test_one_letter_is_that_of_the_whole_figure_and_a_list_wins_over_true() -> N
     assert asked.panel_letters == ["d", "e"]
 
 
+@pytest.mark.slow
 def test_basins_of_a_column_are_compact() -> None:
     """Three panels of 20 mm and more in one row, each with numbers below, in less than 70 mm."""
     figure = plot.draw("basin", settle_table(), **BASIN, width="column")
@@ -259,6 +263,7 @@ def test_a_misspelt_colour_gets_its_near_miss() -> None:
         plot.draw("basin", settle_table(), **BASIN, colours={"direct": "crimsn"})
 
 
+@pytest.mark.slow
 def test_panels_in_given_columns_have_numbers_below_and_no_hidden_axes() -> None:
     figure = plot.draw("basin", settle_table(), **BASIN, width="column", panel_columns=2)
     rendered(figure)
@@ -293,6 +298,7 @@ def test_shares_and_captions_are_left_out() -> None:
     assert "%" in bare.axes[0].get_title()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_a_height_that_does_not_fit_is_refused_with_the_least_that_does() -> None:
     with pytest.raises(
@@ -356,6 +362,7 @@ def test_a_figure_of_one_panel_goes_into_given_axes() -> None:
     plt.close(figure)
 
 
+@pytest.mark.slow
 def test_rcparams_of_the_user_are_obeyed_and_fonts_are_embedded_as_type_42() -> None:
     with mpl.rc_context({"font.size": 16.0, "lines.linewidth": 3.0}):
         figure = plot.draw("basin", settle_table(), **BASIN, title="Basins")
@@ -412,6 +419,7 @@ def test_fields_of_a_figure_in_the_style_of_a_job_are_named_with_their_place(fig
     assert "style.title is not a field of a style: it belongs in an entry of figures (of any kind)" in title
 
 
+@pytest.mark.slow
 def test_a_job_has_a_style_that_its_figures_may_replace(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
@@ -480,6 +488,7 @@ def test_remarks_on_a_meaning_are_not_in_a_label() -> None:
     assert described(table, "x_end_2") == "way, $x$ (m)"
 
 
+@pytest.mark.slow
 def test_rows_of_panels_share_a_label() -> None:
     table = map_table()
     single = plot.draw("return_map", table, y="delta_13")

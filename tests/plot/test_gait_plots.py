@@ -143,6 +143,7 @@ def test_series() -> None:
         plot.draw("gait_series", table.drop(columns="F_LF"), loads=True)
 
 
+@pytest.mark.slow
 def test_long_series_are_in_two_columns_read_downwards() -> None:
     table = traces(["trot", "L-walk", "D-walk", "R-canter", "RT-gallop"])
     figure = plot.draw("gait_series", table, window=[0.0, 1.5])

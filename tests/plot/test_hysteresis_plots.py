@@ -241,6 +241,7 @@ def test_rows_of_several_parameter_values_have_a_panel_each() -> None:
         plot.hysteresis(many, y="delta_13")
 
 
+@pytest.mark.slow
 def test_a_figure_of_many_panels_is_low_enough_or_says_that_it_is_not() -> None:
     table = staircase_table(8, stairs=9, hold=1)
     table.insert(1, "mass", table["row"])

@@ -43,6 +43,7 @@ def test_what_is_not_there_is_refused_with_the_near_miss(kind: str, spec: dict, 
         plot.footprints(crossing_table().assign(t=0.0))
 
 
+@pytest.mark.slow
 def test_figures_follow_neither_the_index_nor_the_order_of_a_table() -> None:
     """Repeated index values are those of pandas.concat, an order of its own that of a sort."""
     settle, ball = settle_table(), pd.read_parquet(ROOT / "docs/gallery/road_map.parquet")

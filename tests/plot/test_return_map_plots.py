@@ -50,6 +50,7 @@ def test_return_map_marks_fixed_points_and_ghosts(form: str) -> None:
     assert all("π" in tick.get_text() for tick in left.get_xticklabels())
 
 
+@pytest.mark.slow
 def test_branches_are_solid_where_stable_and_open_where_not() -> None:
     values = np.round(np.linspace(-0.6, 0.6, 7), 3)
     table = map_table(values, starts=60, crossings=60, noise=0.002)

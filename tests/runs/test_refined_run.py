@@ -199,6 +199,7 @@ def test_progress_rises_to_the_end(tmp_path: Path) -> None:
     assert shares[-1] > 0.9
 
 
+@pytest.mark.slow
 def test_stalled_rows_keep_the_names_of_their_events(tmp_path: Path) -> None:
     """Blocks of inferred rows alone, and blocks with stalled rows, have columns of the same types."""
     cells = {"linspace": [0, TURN, 32], "at": "centre"}

@@ -54,6 +54,7 @@ def check_of(model: str, tolerance: float, out: Path, cycles: int = 80, **fields
 PENDULUM = "test_repeating_rows:Pendulum"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of the self-check
 def test_rows_that_repeat_to_within_the_errors_of_the_integration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

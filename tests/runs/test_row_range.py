@@ -28,6 +28,7 @@ def job(tmp_path: Path) -> gs.Job:
     return gs.load_job(file, OVERRIDES)
 
 
+@pytest.mark.slow
 def test_shares_of_the_rows_make_the_table(job: gs.Job, tmp_path: Path) -> None:
     """The last share completes the table: manifest, self-check and all, equal to the bit."""
     whole = gs.run(job, tmp_path / "whole")

@@ -151,6 +151,7 @@ def test_required_fields_of_a_staircase(missing: str) -> None:
         job(run={name: value for name, value in STAIRS.items() if name != missing})
 
 
+@pytest.mark.slow
 def test_a_period_may_be_a_plain_number() -> None:
     class Turning(gs.DeclaredModel):
         omega = gs.parameter("rad/s", "frequency", 3.0)

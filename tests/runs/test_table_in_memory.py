@@ -17,6 +17,7 @@ OF_A_DIRECTORY = {"path"}
 OF_A_RUN = {"created", "timings", "sha256"}
 
 
+@pytest.mark.slow("ramp")
 @pytest.mark.parametrize(
     "run",
     [

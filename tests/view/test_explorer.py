@@ -651,6 +651,7 @@ def test_what_is_not_recognised_of_plotly_stays() -> None:
     assert fast_to_load('f("𝒙")') == 'f("\\ud835\\udc99")'
 
 
+@pytest.mark.slow
 def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypatch: Any) -> None:
     def said(*options: str) -> str:
         message = CliRunner().invoke(commands.app, ["explore", str(wells), *options])
