@@ -177,7 +177,9 @@ def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert len(gs.simulate(toy_model.Toy(), duration=1.0)) > 20  # samples of a hundredth of a cycle
     with pytest.raises(gs.ArgumentError, match="launch_1 is an axis, but one trajectory takes a number"):
         gs.simulate(toy_model.Toy(), launch_1=[1.0, 2.0], duration=1.0)
-    with pytest.warns(UserWarning, match="ended as fell: .* It tests whether a mass is above the ceiling") as warned:
+    with pytest.warns(
+        UserWarning, match="ended as fell: .* It tests whether a mass is above the ceiling"
+    ) as warned:
         gs.simulate(toy_model.Toy(), launch_1=5.0, ceiling=0.1, duration=50.0)
     assert {each.filename for each in warned} == {__file__}  # the line of the user, not one of the package
     assert not list(tmp_path.iterdir())
