@@ -275,6 +275,7 @@ def test_footfalls_that_have_no_names_are_refused() -> None:
     assert "must return (4,) of bool, one for each of LF, RF, LH, RH" in (fault(Numbers()) or "")
 
 
+@pytest.mark.slow
 def test_a_clock_of_another_rate_is_a_fault() -> None:
     """Its strides would be twice as long."""
 
