@@ -63,6 +63,15 @@ def test_reversing_the_legs_maps_direct_to_retrograde(N: int) -> None:
     assert distance.max() < 1e-12
 
 
+def test_beside_a_corner_the_first_set_counts_whatever_the_rounding() -> None:
+    """The direct and a source set end in one corner, to which a whole line of starts of Fig. 5 comes."""
+    beside = np.array([1.13026897970, 0.98520440730, 5.16697428540])  # beyond the ends of both sets
+    near = np.sort(np.asarray(away(beside)))
+    assert near[1] - near[0] < 1e-12 < near[2] - near[1]
+    moved = beside + 1e-11 * np.random.default_rng(5).normal(size=(22, 3))
+    assert {GAITS[each] for each in labels(moved)[0]} == {"direct"}
+
+
 angles = st.lists(st.floats(0, TURN), min_size=3, max_size=3)
 
 
