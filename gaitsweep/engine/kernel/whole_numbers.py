@@ -77,13 +77,13 @@ class WholeNumbers:
         """
         dtype = _wrapping_dtype(equation)
         if equation.primitive.name == "rem" and outputs[0].size:
-            self._set(outputs[0], self._remainders(*args))
+            self._set(outputs[0], self._remainders(args[0], args[1]))
         if dtype is None:
             return None
         limits = jnp.iinfo(dtype)
         if equation.primitive.name == "div" and outputs[0].size:
             by_zero = float(-1 if limits.min else limits.max)
-            self._set(outputs[0], self._quotients(*args, Range(by_zero, by_zero)))
+            self._set(outputs[0], self._quotients(args[0], args[1], Range(by_zero, by_zero)))
         # of 64 bits without a sign only differences below 0 wrap
         least = 0.0 if limits.bits == 64 and not limits.min else -_EXACT
         for nodes in outputs:
@@ -93,7 +93,7 @@ class WholeNumbers:
         return None
 
     def _remainders(self, dividends: np.ndarray, divisors: np.ndarray) -> Range:
-        """The range of remainders, which are nearer to zero than the divisor, or the dividend if that is 0."""
+        """The range of remainders: nearer to zero than the divisor, or the dividend if that is 0."""
         size, divisor = self._of_all(dividends).size, self._of_all(divisors)
         bound = size if divisor.holds_zero else min(size, divisor.size)
         return Range(-bound, bound)
