@@ -28,6 +28,8 @@ DIRECT, SOURCE, RETROGRADE, LOCKED, NONE = range(len(GAITS))
 LOCKED_WITHIN = 0.05  # rad, from the locked state (N = 3), or of some psi_i from 0 (other N)
 NONE_BEYOND = 0.2  # rad, from every analytic solution
 SHORTEST_PIECE = 1e-9  # rad: shorter pieces are rounding errors between equal cuts
+# rad: a state beside a corner in which two sets end is equally far from both, and rounding must not decide
+EQUALLY_FAR = 1e-9
 
 
 class Segments(NamedTuple):
@@ -96,14 +98,22 @@ def distances(N: int, chain: Chain, psi: jax.Array) -> jax.Array:
 def nearest_set(N: int, chain: Chain, psi: Float[np.ndarray, " springs"]) -> tuple[Branch, float]:
     """The set of analytic solutions nearest to a state on section 1, and its distance, rad.
 
+    Of sets that are equally far it is the first of `branches(N)`.
+
     Args:
         N, chain, psi: as in `distances`.
     """
-    away = np.asarray(_distances(N, chain, psi))
-    return branches(N)[int(away.argmin())], float(away.min())
+    away = _distances(N, chain, psi)
+    nearest = int(_first_nearest(away))
+    return branches(N)[nearest], float(away[nearest])
 
 
 _distances = jax.jit(distances, static_argnums=0)
+
+
+def _first_nearest(away: jax.Array) -> jax.Array:
+    """The index of the first of the nearest sets, of which several may be equally far."""
+    return jnp.argmax(away <= jnp.min(away) + EQUALLY_FAR)
 
 
 def free_link(N: int, branch: Branch) -> int:
@@ -152,9 +162,10 @@ class GaitOfState(NamedTuple):
 def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> GaitOfState:
     """The gait of a state on section 1: that of the nearest analytic solution on the torus.
 
-    It is `locked` if psi is within `LOCKED_WITHIN` of the locked state (of two neighbouring legs in phase
-    where there are not three springs), and nearer to that than to any solution; else it is `none` if psi is
-    farther than `NONE_BEYOND` from all solutions, or NaN.
+    Of sets that are equally far the first of `branches(N)` counts, as beside a corner in which two of them
+    end. The gait is `locked` if psi is within `LOCKED_WITHIN` of the locked state (of two neighbouring legs
+    in phase where there are not three springs), and nearer to that than to any solution; else it is `none`
+    if psi is farther than `NONE_BEYOND` from all solutions, or NaN.
 
     Args:
         N: springs; the chain has N + 1 legs.
@@ -163,7 +174,7 @@ def classify(N: int, psi: jax.Array, chain: Chain = TABLE_1) -> GaitOfState:
     """
     sets = branches(N)
     apart = distances(N, chain, psi)
-    nearest = jnp.argmin(apart)
+    nearest = _first_nearest(apart)
     distance = apart[nearest]
     gait = jnp.asarray([gait_of(branch) for branch in sets])[nearest]
     locking = _locking(N, chain, psi)
