@@ -299,7 +299,7 @@ def test_the_slowest_observable_is_named(engine: str) -> None:
 
 
 def test_an_observable_that_repeats_is_not_the_slowest() -> None:
-    """A row all but repeats after two crossings: the observable that drifts is named, not that which turns."""
+    """A row all but repeats after two crossings: what drifts is named, not what takes turns."""
     lags = jnp.arange(1.0, 11.0)
     turns, drifts = jnp.where(lags % 2 == 1, 100.0, 0.0), 0.5 * lags
     assert int(slowest(over_periods(jnp.stack([turns, drifts], axis=1)))) == 1
