@@ -13,8 +13,8 @@ COLUMNS = {
     "outcome": ("", "gait of a settled row, or why it has none"),
     "slowest": (
         "",
-        "observable that moved most over the last 10 crossings of a row that did not settle; on "
-        "an orbit of several crossings it may be one that repeats",
+        "observable that moved most over the last 10 crossings of a row that did not settle; on a stair, "
+        "and on an orbit of more than 5 crossings, it may be one that repeats",
     ),
     "cycles": ("1", "section crossings of the row"),
     "crossing": ("1", "number of the section crossing"),

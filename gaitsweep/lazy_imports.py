@@ -60,7 +60,7 @@ def attach_stub(package: str, file: str) -> LazyModule:
     def get(name: str) -> Any:
         source = sources.get(name)
         if source is None:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            raise NoAttributeError(package, name)
         thresholds = gc.get_threshold()
         # imports make few cycles and many objects, which would be searched again and again
         gc.set_threshold(max(50_000, thresholds[0]) if thresholds[0] else 0, *thresholds[1:])
@@ -71,6 +71,24 @@ def attach_stub(package: str, file: str) -> LazyModule:
             gc.set_threshold(*thresholds)
 
     return LazyModule(get, lambda: sorted(sources), sorted(sources))
+
+
+class NoAttributeError(AttributeError):
+    """A package does not have the public name that was asked for; the message has the nearest one.
+
+    The near miss takes time and is of use to readers alone: `from package import module` asks for the
+    attribute before the module.
+    """
+
+    def __init__(self, package: str, name: str) -> None:
+        super().__init__(package, name)
+
+    def __str__(self) -> str:
+        from gaitsweep import near_miss  # which most commands do not need
+
+        package, name = self.args
+        near = "" if name.startswith("_") else near_miss.suggestion(name, dir(sys.modules[package]))
+        return f"module {package!r} has no attribute {name!r}{near}"
 
 
 class Lazy:

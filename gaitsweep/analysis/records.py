@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Bool, Int
 
 from gaitsweep import near_miss
-from gaitsweep.errors import UserError
+from gaitsweep.errors import ArgumentError, UserError
 from gaitsweep.status import Outcome, Status
 from gaitsweep.table.frames import outcomes
 
@@ -72,8 +72,16 @@ def require_single_records(table: pd.DataFrame, order: str) -> None:
 
 
 def names_in(names: str | Iterable[str]) -> list[str]:
-    """The names in an argument that takes one name or several: a text is one name, not its letters."""
-    return [names] if isinstance(names, str) else list(names)
+    """The names in an argument that takes one name or several: a text is one name, not its letters.
+
+    Raises:
+        ArgumentError: the argument is something else.
+    """
+    listed = [names] if isinstance(names, str) or not isinstance(names, Iterable) else list(names)
+    for name in listed:
+        if not isinstance(name, str):
+            raise ArgumentError(f"{name!r} is not a name: give one name, or several in a list.")
+    return listed
 
 
 def axes_of(table: pd.DataFrame) -> list[str]:

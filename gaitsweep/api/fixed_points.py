@@ -25,8 +25,9 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.analysis.continuation.normal_forms import hopf_cycle
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
+from gaitsweep.design.design import inside, requirement
 from gaitsweep.engine.poincare.map_derivatives import LevelMap
-from gaitsweep.engine.poincare.maps import Map, Points
+from gaitsweep.engine.poincare.maps import Map, Points, column
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
 from gaitsweep.errors import ArgumentError, warn
@@ -103,7 +104,7 @@ class FixedPointsOfModel(abc.ABC):
             x: start points of the searches.
             fix: conserved quantities that are held; all of `conserved` by default.
             tolerance: residual of a fixed point, relative to the size of each coordinate, above 0.
-            most: Newton steps, 1 or more.
+            most: the largest number of Newton steps, 1 or more.
 
         Returns:
             For each point: `converged`, `outcome`, `points` (`points.at` are coordinates), `residual`,
@@ -125,10 +126,8 @@ class FixedPointsOfModel(abc.ABC):
             8.3295
         """
         self._require_fixed_points()
-        if not tolerance > 0.0:
-            raise ArgumentError(f"tolerance is {tolerance:g}, but must be above 0.")
-        if most < 1:
-            raise ArgumentError(f"most is {most} Newton steps, but must be 1 or more.")
+        _require_positive("tolerance", tolerance)
+        require_whole("most", most, 1)
         points = self._points(x)[0]
         conserved = self.conserved if fix is None else names_in(fix)
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
@@ -148,8 +147,8 @@ class FixedPointsOfModel(abc.ABC):
             x: points near fixed points at the map's own value of the parameter.
             parameter: name of a parameter, or of a quantity in `conserved`: then the family of gaits is
                 followed along it.
-            within: its range, two numbers.
-            towards: 1 or -1, the direction in which a branch begins; both by default.
+            within: its range, two numbers within the parameter's bounds.
+            towards: 1 or -1, the direction of the parameter in which a branch begins; both by default.
             fix: conserved quantities that are held; all of `conserved` by default.
 
         Returns:
@@ -159,8 +158,9 @@ class FixedPointsOfModel(abc.ABC):
             `gs.plot.continuation` draws it.
 
         Raises:
-            ArgumentError: the map has no derivative, the parameter is not the model's, its value is outside
-                the range, the range is not two finite numbers, or `towards` is no direction.
+            ArgumentError: the map has no derivative, the parameter is not the model's, its values are not
+                one for each point, one is outside the range, the range is not two finite numbers within the
+                parameter's bounds, `towards` is no direction, or the map does not conserve what `fix` names.
 
         Example:
             The hopper's 1:1 gait, with a launch of pi g / omega, ends in a fold. There its leg adds all of
@@ -177,13 +177,9 @@ class FixedPointsOfModel(abc.ABC):
         self._require_fixed_points()
         points = self._points(x)[0]
         begin = self._begin(points, parameter)
-        ends: list[Any] = list(within) if np.iterable(within) else []
-        numbers = [isinstance(end, int | float | np.number) and math.isfinite(end) for end in ends]
-        if numbers != [True, True] or ends[0] == ends[1]:
-            raise ArgumentError(f"within is {within!r}, but must be two different finite numbers.")
-        if towards not in (None, 1, -1):
+        low, high = self._range(parameter, within)
+        if towards is not None and (isinstance(towards, bool) or np.ndim(towards) or towards not in (1, -1)):
             raise ArgumentError(f"towards is {towards!r}, but must be 1, -1, or None for both directions.")
-        low, high = min(within), max(within)
         for value in begin[~((low <= begin) & (begin <= high))][:1]:
             raise ArgumentError(
                 f"{parameter} is {value:g} at the map's points, but the range is from {low:g} to {high:g}."
@@ -205,8 +201,8 @@ class FixedPointsOfModel(abc.ABC):
                 points,
                 values,
                 parameter=parameter,
-                within=within,
-                begin=np.broadcast_to(begin, (len(points),)),
+                within=(low, high),
+                begin=begin,
                 towards=direction,
                 fix=constrained,
                 with_points=isinstance(self._once, StationaryMap),
@@ -220,10 +216,22 @@ class FixedPointsOfModel(abc.ABC):
         if parameter in self.conserved:
             images = self.mapping.linearised(points, self._values)
             return images.conserved_values[:, self.conserved.index(parameter)]
+        if not isinstance(parameter, str):
+            raise ArgumentError(f"parameter is {parameter!r}, but must be a name.")
         if parameter not in self._parameters:
             self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
         values = self._parameters[parameter]
-        return values if parameter in self._values else values[:1]
+        return column(parameter, values if parameter in self._values else values[:1], len(points))
+
+    def _range(self, parameter: str, within: Sequence[float]) -> tuple[float, float]:
+        """The lower and the upper end of a range; refuse one that is none, or leaves a parameter's bounds."""
+        ends: list[Any] = list(within) if np.iterable(within) else []
+        if [_is_number(end) for end in ends] != [True, True] or ends[0] == ends[1]:
+            raise ArgumentError(f"within is {within!r}, but must be two different finite numbers.")
+        for quantity in self.model.parameters:
+            if quantity.name == parameter and not inside(np.array(ends, float), quantity).all():
+                raise ArgumentError(f"within is {within!r}, but {parameter} {requirement(quantity)}.")
+        return float(min(ends)), float(max(ends))
 
     def _gaits(self, table: pd.DataFrame) -> pd.Categorical:
         """The gait at each record of a table of branches, as in the table of a job."""
@@ -308,8 +316,7 @@ class FixedPointsOfModel(abc.ABC):
 
     def _settled(self, starts: Mapping[str, Any], cycles: int) -> Points:
         """The points of start values after a number of applications of the map."""
-        if not isinstance(cycles, int | np.integer) or cycles < 0:
-            raise ArgumentError(f"cycles is {cycles!r}, but must be a whole number from 0 on.")
+        require_whole("cycles", cycles, 0)
         known = [quantity.name for quantity in self.model.initial_conditions]
         for name in starts:
             if name not in known:
@@ -325,6 +332,28 @@ class FixedPointsOfModel(abc.ABC):
             crossings = cycles * self._period
             warn(f"{failed} of {len(points)} starts did not cross the section {crossings} times.")
         return points
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a finite number, which flags are not."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _written(value: Any) -> str:
+    """An argument in a message."""
+    return f"{value:g}" if isinstance(value, float | np.number) else repr(value)
+
+
+def _require_positive(name: str, value: Any) -> None:
+    """Refuse an argument that is no number above 0, raising ArgumentError."""
+    if not (_is_number(value) and value > 0.0):
+        raise ArgumentError(f"{name} is {_written(value)}, but must be a number above 0.")
+
+
+def require_whole(name: str, value: Any, low: int) -> None:
+    """Refuse an argument that is no whole number from `low` on, raising ArgumentError."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < low:
+        raise ArgumentError(f"{name} is {_written(value)}, but must be a whole number from {low} on.")
 
 
 def job_of_map(
@@ -407,7 +436,7 @@ class StationaryPoints(FixedPointsOfModel):
         self, hopf: Mapping[Any, Any] | pd.Series, parameter: str, amplitude: float, points: int
     ) -> None:
         """Refuse arguments of `cycle`, raising ArgumentError."""
-        if hopf.get("special") != "hopf":
+        if not isinstance(hopf, Mapping | pd.Series) or hopf.get("special") != "hopf":
             raise ArgumentError("The record is of no Hopf point: take one whose special is hopf.")
         missing = [name for name in ("row", *self.coordinates) if name not in hopf]
         if missing:
@@ -420,10 +449,8 @@ class StationaryPoints(FixedPointsOfModel):
             raise ArgumentError(
                 f"The record has no {parameter}: give the parameter along which it was found."
             )
-        if not (np.isfinite(amplitude) and amplitude > 0.0):
-            raise ArgumentError(f"amplitude is {amplitude:g}, but must be a number above 0.")
-        if points < 1:
-            raise ArgumentError(f"points is {points}, but must be 1 or more.")
+        _require_positive("amplitude", amplitude)
+        require_whole("points", points, 1)
 
     @property
     def _flow(self) -> StationaryMap:

@@ -18,7 +18,7 @@ from gaitsweep.analysis.continuation.newton import FixedPoints, NewtonOutcome
 from gaitsweep.analysis.phase_response import phase_response
 from gaitsweep.analysis.rare_falls import SCALES, Draws, RareFalls, TooFewFallsError, rare_falls
 from gaitsweep.analysis.records import names_in
-from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map
+from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map, require_whole
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.contract import HybridModel
 from gaitsweep.engine.poincare.maps import Points
@@ -380,7 +380,6 @@ def return_map(
         >>> np.allclose(hops([0.0, 2.5]), [phase, 0.7 * 2.5 + 2.6 * (1.0 + np.cos(phase)) / 2.0])
         True
     """
-    if not isinstance(period, int | np.integer) or period < 1:
-        raise ArgumentError(f"period is {period!r}, but must be a whole number from 1 on.")
+    require_whole("period", period, 1)
     job, without_start = job_of_map(model, params, start, values, numerics=numerics, engine=engine)
     return PoincareMap(job, period, without_start)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,14 @@ _SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0)
 _SATURATED = {"tanh", "logistic", "erf"}
 _EXTREMES = {"reduce_max", "reduce_min"}
 _SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem", "clamp"}
+# Operations that are not linear in their arguments; `_MULTILINEAR` ones are in each argument alone.
+_CURVED = {
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+    *("exp", "exp2", "expm1", "log", "log1p", "log2", "logistic", "erf", "erfc", "erf_inv", "lgamma"),
+    *("sqrt", "rsqrt", "cbrt", "pow", "square"),
+}
+_MULTILINEAR = {"mul", "dot_general"}
 # Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SMOOTH = {
     *("broadcast_in_dim", "reshape", "squeeze", "slice", "concatenate", "unstack", "stack", "transpose"),
@@ -196,6 +204,36 @@ def moving_operations(model: HybridModel, params: Params, state: State) -> set[s
     return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
 
 
+def curving_operation(model: HybridModel, params: Params, state: State) -> str | None:
+    """JAX's name of an operation by which the flow is not affine between switches, or None.
+
+    Operations inside of loops and branches are not found.
+
+    Args:
+        model: the model.
+        params: its parameters.
+        state: a state, of which only the shape counts.
+    """
+    if None in _fields(state):  # modes are not told from what moves
+        return None
+    with jax.disable_jit():
+        closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
+    moving = _moving(closed.jaxpr, state, rates, between_switches=True)
+    return next(
+        (equation.primitive.name for equation, places in moving if _is_curved(equation, places)), None
+    )
+
+
+def _is_curved(equation: JaxprEqn, places: set[int]) -> bool:
+    """Whether an operation is not linear in its arguments at these places."""
+    name = equation.primitive.name
+    if name == "integer_pow":
+        return equation.params["y"] not in (0, 1)
+    if name == "div":
+        return 1 in places
+    return name in _CURVED or (name in _MULTILINEAR and len(places) > 1)
+
+
 def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
     """Whether an operation is smooth in its arguments at these places."""
     name = equation.primitive.name
@@ -206,19 +244,38 @@ def _is_smooth(equation: JaxprEqn, places: set[int]) -> bool:
     return name in _SMOOTH or places <= _SMOOTH_IN.get(name, set())
 
 
-def _moving(program: Jaxpr, state: State, rates: Mapping[str, object]) -> list[tuple[JaxprEqn, set[int]]]:
-    """The equations of a program of `(params, state)` that move with the state, and which arguments do."""
+def _moving(
+    program: Jaxpr, state: State, rates: Mapping[str, object], *, between_switches: bool = False
+) -> list[tuple[JaxprEqn, set[int]]]:
+    """The equations of a program of `(params, state)` that move with the state, and which arguments do.
+
+    Between switches, flags and whole numbers do not move, nor do signs and rounded numbers.
+    """
     # a state that is registered without names of its fields counts as moving as a whole
-    fields = [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+    fields = _fields(state)
     moves = zip(program.invars[len(program.invars) - len(fields) :], fields, strict=True)
     moving = {v for v, name in moves if name is None or name in rates}
     equations = []
     for equation in program.eqns:
         places = {i for i, v in enumerate(equation.invars) if not isinstance(v, Literal) and v in moving}
         if places:
-            moving.update(equation.outvars)
+            if not (between_switches and _is_level(equation)):
+                moving.update(equation.outvars)
             equations.append((equation, places))
     return equations
+
+
+def _fields(state: State) -> list[str | None]:
+    """The field of each array of a state; None where the state is registered without their names."""
+    return [getattr(path[0], "name", None) for path, _ in jax.tree_util.tree_leaves_with_path(state)]
+
+
+def _is_level(equation: JaxprEqn) -> bool:
+    """Whether the result of an operation is constant between switches."""
+    if equation.primitive.name in _LEVELS - {_CAST}:
+        return True
+    dtype: Any = equation.outvars[0].aval.dtype  # pyright: ignore[reportAttributeAccessIssue]
+    return not jnp.issubdtype(dtype, jnp.inexact)
 
 
 def switches_within(

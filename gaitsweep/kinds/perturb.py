@@ -52,7 +52,8 @@ from gaitsweep.table.frames import categorical
 from gaitsweep.table.manifest import read_manifest
 
 # Values of the column `recovery`, in the order of figures.
-RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", "not pushed")
+NOT_PUSHED = "not pushed"
+RECOVERIES = ("recovered", "elsewhere", "fell", "failed", "not settled", NOT_PUSHED)
 
 IN_MEMORY = "a table in memory"
 MOST_ROWS = 10_000  # of an earlier table, whose numbers the job and the manifest hold
@@ -306,6 +307,6 @@ def _recovery(records: Records) -> ColumnValues:
     status, stage = records.block.status, records["stage"]
     fell, failed = status == Status.fell, Status.FAILED.among(status)
     cases = [stage < Stage.ACTS, fell, failed, records["recovered"] == 1, Status.SOUND.among(status)]
-    names = ["not pushed", "fell", "failed", "recovered", "elsewhere"]
+    names = [NOT_PUSHED, "fell", "failed", "recovered", "elsewhere"]
     codes = np.select(cases, [RECOVERIES.index(name) for name in names], RECOVERIES.index("not settled"))
     return categorical(codes, list(RECOVERIES))

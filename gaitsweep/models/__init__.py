@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from gaitsweep.errors import ModelError
+from gaitsweep.lazy_imports import NoAttributeError
 from gaitsweep.models.registry import MODEL_FOLDER, classes, find, find_of_table, importable, name_of, names
 
 __all__ = ["MODEL_FOLDER", "ModelError", "find", "find_of_table", "importable", "name_of", "names"]
@@ -22,7 +23,7 @@ def __getattr__(name: str) -> Any:
     """A model of an extension by its class's name, imported when it is first used."""
     if not name.startswith("_") and name in (names_of_classes := classes()):
         return find(names_of_classes[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    raise NoAttributeError(__name__, name)
 
 
 def __dir__() -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import warnings
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar, cast
 
@@ -68,6 +69,7 @@ _INK = (
 )  # fmt: skip
 _PAPER: dict[Any, Any] = {key: mpl.rcParamsDefault[key] for key in _INK}
 _TITLE_POINTS = 9.5
+_EMPTY: weakref.WeakSet[Axes] = weakref.WeakSet()  # panels that have a message only
 
 
 class _Figure(Figure):
@@ -165,6 +167,7 @@ def canvas(width: float, height: float, title: str | None = None) -> Iterator[Fi
             if requested.height is not None:  # which is refused, with the least that fits
                 warnings.filterwarnings("ignore", COLLAPSED)
             yield figure
+            _remove_ticks_of_no_data(figure)
             centre_shared_label(figure)
             if requested.width is not None:
                 break_lines(figure)
@@ -285,6 +288,18 @@ def first_of(
     return panels[:most], title
 
 
+def _remove_ticks_of_no_data(figure: Figure) -> None:
+    """Remove the ticks of axes with a `message` that have no range, nor data in a panel that shares them."""
+    for axes in _EMPTY.intersection(figure.axes):
+        for axis, shared, automatic in (
+            (axes.xaxis, axes.get_shared_x_axes(), axes.get_autoscalex_on()),
+            (axes.yaxis, axes.get_shared_y_axes(), axes.get_autoscaley_on()),
+        ):
+            if automatic and not any(panel.has_data() for panel in shared.get_siblings(axes)):
+                axis.set_ticks([])
+                axis.set_ticks([], minor=True)
+
+
 def panels(figure: Figure, grid: tuple[int, int], count: int, **look: Any) -> list[Axes]:
     """A grid of panels, of which the last row may have empty cells; the lowest of each column has numbers.
 
@@ -346,7 +361,8 @@ def label_panels(figure: Figure, panels: Sequence[Axes], across: int, *, x: str 
 
 
 def message(axes: Axes, text: str) -> None:
-    """Write the reason, a sentence, into an empty panel."""
+    """Write the reason, a sentence, into an empty panel; axes without a range lose their ticks."""
+    _EMPTY.add(axes)
     width = axes.get_position().width * cast(Figure, axes.get_figure(root=True)).get_figwidth()
     lines = wrapped(text, 0.9 * width, 8.0)
     axes.text(0.5, 0.5, lines, transform=axes.transAxes, ha="center", va="center", color="#555555")

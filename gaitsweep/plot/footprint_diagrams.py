@@ -277,13 +277,19 @@ def _is_regular(gaps: Float[np.ndarray, " gaps"]) -> bool:
     return bool(_near_median(gaps).mean() >= _REGULAR)
 
 
+def _nearest(times: Float[np.ndarray, " times"], time: float) -> float:
+    """The time that is nearest to another one."""
+    return float(times[np.abs(times - time).argmin()])
+
+
 def _guides(
     axes: Axes, middles: Sequence[Float[np.ndarray, " swings"]], period: float, free: int | None
 ) -> set[str]:
     """Join each swing to the next leg's nearest one; returns the directions of the waves that occur.
 
-    The swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their
-    lag; `middles` (s) are those of the swings of each leg.
+    Of legs that stumble no swing is joined twice: two are joined if each is the nearest of the other. The
+    swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their lag;
+    `middles` (s) are those of the swings of each leg.
     """
     waves = set()
     for row, (swings, next_swings) in enumerate(itertools.pairwise(middles)):
@@ -292,8 +298,8 @@ def _guides(
         is_free = row + 1 == free
         reach = (_NEAR_FREE if is_free else _NEAR) * period
         for middle in swings:
-            nearest = next_swings[np.abs(next_swings - middle).argmin()]
-            if abs(nearest - middle) > reach:
+            nearest = _nearest(next_swings, middle)
+            if abs(nearest - middle) > reach or _nearest(swings, nearest) != middle:
                 continue
             direction = _BACKWARDS if nearest > middle else _FORWARDS
             wave = _FREE if is_free else direction

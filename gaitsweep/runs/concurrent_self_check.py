@@ -13,6 +13,7 @@ from jaxtyping import Int
 
 from gaitsweep.compiling_threads import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.kinds.perturb import NOT_PUSHED, Perturb
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import RerunRows, compare_stored, look_at_unsettled, self_check
@@ -101,11 +102,17 @@ class ConcurrentSelfCheck:
         return table
 
     def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
-        """The rows that ended as `cycle_limit`."""
+        """The rows that ended as `cycle_limit`, none of them pushed."""
         if not self._table.counts().get(Status.cycle_limit.name):
             return np.zeros(0, np.int64)
-        parts = self._table.load_parts(["row", "status"])
-        numbers = [part.loc[part["status"] == Status.cycle_limit.name, "row"].unique() for part in parts]
+        wanted = {"status": Status.cycle_limit.name}
+        if isinstance(self._context.job.run, Perturb):  # a rerun of crossings makes no push
+            wanted["recovery"] = NOT_PUSHED
+        parts = self._table.load_parts(["row", *wanted])
+        numbers = []
+        for part in parts:
+            chosen = np.logical_and.reduce([part[name] == value for name, value in wanted.items()])
+            numbers.append(part.loc[chosen, "row"].unique())
         return np.concatenate(numbers).astype(np.int64)
 
     @property

@@ -17,8 +17,9 @@ from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane_scheduler import LaneScheduler
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.job import Job
-from gaitsweep.kinds.run_kind import Cost, TableRunKind, table_columns
+from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
+from gaitsweep.runs.repeating_rows import most_reruns
 from gaitsweep.runs.self_check_result import finer_share, is_checked, rows_to_repeat
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import arrow_part
@@ -55,6 +56,8 @@ class Estimate:
         compile_s: the time of compilation (s).
         self_check_s: the time of the self-check (s), which the others include.
         self_check_rows: the rows that it reruns.
+        unsettled_reruns: the most rows that it reruns, too, if they end as `cycle_limit`; `seconds_most`
+            alone includes their time.
     """
 
     rows: int
@@ -74,6 +77,7 @@ class Estimate:
     compile_s: float
     self_check_s: float
     self_check_rows: int
+    unsettled_reruns: int
 
 
 def estimate(job: Job) -> Estimate:
@@ -102,7 +106,9 @@ def estimate(job: Job) -> Estimate:
     timed_rows = max(simulated, pace.at_a_time)
     timed_rows_most = max(spec.n_rows, pace.at_a_time)
     self_check_rows = rows_to_repeat(context) if is_checked(context) else 0
-    self_check_s = _self_check_seconds(context, pace, cost, self_check_rows)
+    self_check_s = _rerun_seconds(context, pace, cost.likely, self_check_rows)
+    unsettled_reruns = most_reruns(context) if self_check_rows else 0
+    unsettled_s = _rerun_seconds(context, pace, cost.most, unsettled_reruns)
     fixed_s = pace.compile_s + self_check_s
     columns = len(table_columns(context.design, job.run))
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
@@ -121,7 +127,7 @@ def estimate(job: Job) -> Estimate:
         disk_bytes=int(simulated_bytes + inferred_bytes + part_headers),
         seconds=fixed_s + pace.seconds(timed_rows, cost.likely, spec),
         seconds_longer=fixed_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
-        seconds_most=fixed_s + pace.seconds(timed_rows_most, cost.most, spec),
+        seconds_most=fixed_s + unsettled_s + pace.seconds(timed_rows_most, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
         engine=context.engine,
@@ -129,16 +135,17 @@ def estimate(job: Job) -> Estimate:
         compile_s=pace.compile_s,
         self_check_s=self_check_s,
         self_check_rows=self_check_rows,
+        unsettled_reruns=unsettled_reruns,
     )
 
 
-def _self_check_seconds(context: RunContext, pace: Measured, cost: Cost, rows: int) -> float:
-    """Return the time (s) of a self-check that reruns some rows."""
+def _rerun_seconds(context: RunContext, pace: Measured, attempts: float, rows: int) -> float:
+    """Return the time (s) in which some rows of so many attempts are rerun, and rerun with finer steps."""
     if not rows:
         return 0.0
-    # its programs for the states and the crossings of rows take about as long to compile as the run's own
-    attempts = cost.likely * (1.0 + 1.0 / finer_share(context))
-    return pace.compile_s + pace.seconds(max(rows, pace.at_a_time), attempts, context.spec)
+    # programs for the states and the crossings of rows take about as long to compile as the run's own
+    both = attempts * (1.0 + 1.0 / finer_share(context))
+    return pace.compile_s + pace.seconds(max(rows, pace.at_a_time), both, context.spec)
 
 
 def _peak_memory() -> int:

@@ -15,6 +15,7 @@ from gaitsweep.engine.recorders.bounds import ROUNDING, SETTLE_WINDOW, bounds, u
 from gaitsweep.engine.recorders.orbit_period import NO_MOTION
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.kinds.settle import SettlesRows
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.self_check_result import circular, finer_share
@@ -28,6 +29,12 @@ MOST_CROSSINGS = 1000
 SMALLER = 3.0
 
 Crossings = Float[np.ndarray, "crossings observables"]
+
+
+def most_reruns(context: RunContext) -> int:
+    """The most rows that are rerun to describe those at their limit of cycles, of a job whose rows settle."""
+    settles = isinstance(context.job.run, SettlesRows) and context.spec.numerics.adaptive
+    return min(MOST_ROWS, context.spec.n_rows) if settles else 0
 
 
 def repeating_rows(

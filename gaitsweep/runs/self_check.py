@@ -41,10 +41,10 @@ from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.columns import gaits
 from gaitsweep.kinds.run_kind import StartingPoints, TableRunKind
-from gaitsweep.kinds.settle import Settle
+from gaitsweep.kinds.settle import SettlesRows
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext, nominal_period
-from gaitsweep.runs.repeating_rows import repeating_rows
+from gaitsweep.runs.repeating_rows import most_reruns, repeating_rows
 from gaitsweep.runs.self_check_result import (
     CROSSINGS,
     LEAST_ROWS,
@@ -176,11 +176,11 @@ def look_at_unsettled(
     Args:
         context: the job's context.
         check: the result of a self-check.
-        unsettled: the rows (n,) that ended as `cycle_limit`.
+        unsettled: the rows (n,) that ended as `cycle_limit`, before a push if there is one.
         on_progress: progress callback.
     """
     run = context.job.run
-    if unsettled.size and isinstance(run, Settle) and context.spec.numerics.adaptive:
+    if unsettled.size and isinstance(run, SettlesRows) and most_reruns(context):
         comparison = _Comparison(context, on_progress)
         check.repeating = repeating_rows(
             context,

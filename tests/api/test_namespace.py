@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -184,3 +185,17 @@ def test_types_from_a_users_side(tmp_path: Path) -> None:
 
 def test_py_typed_is_in_the_package() -> None:
     assert (Path(gs.__file__).parent / "py.typed").exists()
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "near"),
+    [
+        (gs, "retrun_map", "return_map"),
+        (gs.models, "Multilegge", "Multilegged"),
+        (gs.analyses, "atractors", "attractors"),
+        (gs.plot, "footprint", "footprints"),
+    ],
+)
+def test_a_wrong_public_name_has_a_near_miss(place: Any, name: str, near: str) -> None:
+    with pytest.raises(AttributeError, match=f"did you mean {near}"):
+        getattr(place, name)

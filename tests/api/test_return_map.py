@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -111,9 +113,9 @@ def test_refusals() -> None:
     # of several values the one outside the range is named
     with pytest.raises(gs.ArgumentError, match=r"kick is 0\.5 at the map's points, but the range is"):
         gs.return_map(TOY, kick=[KICK, 0.5]).continue_({"launch_1": 1.0}, "kick", (0.2, 0.4))
-    with pytest.raises(gs.ArgumentError, match="tolerance is -1, but must be above 0"):
+    with pytest.raises(gs.ArgumentError, match="tolerance is -1, but must be a number above 0"):
         mapping.fixed_points({"launch_1": 1.0}, tolerance=-1)
-    with pytest.raises(gs.ArgumentError, match="most is 0 Newton steps, but must be 1"):
+    with pytest.raises(gs.ArgumentError, match="most is 0, but must be a whole number from 1"):
         mapping.fixed_points({"launch_1": 1.0}, most=0)
     with pytest.raises(gs.ArgumentError, match="cycles is -1, but"):
         mapping.settled(cycles=-1)
@@ -123,6 +125,35 @@ def test_refusals() -> None:
         mapping.continue_({"launch_1": 1.0}, "kik", (1, 2))
     with pytest.raises(gs.ArgumentError, match="lunch is neither a parameter nor a start value"):
         gs.return_map(TOY, lunch=1.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "message"),
+    [
+        ("fixed_points", {"tolerance": "1e-9"}, "tolerance is '1e-9', but"),
+        ("fixed_points", {"tolerance": np.inf}, "tolerance is inf, but"),
+        ("fixed_points", {"most": 2.5}, "most is 2.5, but"),
+        ("fixed_points", {"fix": 3}, "3 is not a name"),
+        ("continue_", {"fix": 3}, "3 is not a name"),
+        ("continue_", {"parameter": 3}, "parameter is 3, but"),
+        ("continue_", {"towards": True}, "towards is True, but"),
+        ("continue_", {"towards": np.array([1, -1])}, "towards is array"),
+        ("continue_", {"within": (True, 13.0)}, "within is .* two different finite numbers"),
+        ("continue_", {"within": (-3.0, 13.0)}, r"within is .*, but omega must be above 0"),
+    ],
+)
+def test_refusals_of_arguments(method: str, wrong: dict[str, Any], message: str) -> None:
+    arguments = {} if method == "fixed_points" else {"parameter": "omega", "within": (11.0, 13.0)}
+    with pytest.raises(gs.ArgumentError, match=message):
+        getattr(gs.return_map(Hopper()), method)([0.4, 2.5], **{**arguments, **wrong})
+
+
+def test_a_branch_needs_one_value_for_each_point() -> None:
+    hops = gs.return_map(Hopper(), omega=[3.6, 3.7])
+    with pytest.raises(gs.ArgumentError, match="omega has 2 values, but there are 3 points"):
+        hops.continue_([[0.4, 8.3]] * 3, "omega", (3.5, 3.7))
+    ends = hops.continue_([[0.4, 8.3]] * 2, "omega", (3.7, 3.56), towards=-1)["end"]
+    assert set(ends) == {"", "range"}
 
 
 def test_an_orbit_ends_where_a_trajectory_fails() -> None:

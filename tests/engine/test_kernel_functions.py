@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from jax import lax
 
 from gaitsweep.engine.kernel.operations import OPERATIONS
+from gaitsweep.engine.kernel.trace import UnsupportedError
 from tests.support.scalar_programs import executable, native, on_many, storing_source_of, traced_with
 
 pytestmark = pytest.mark.skipif(
@@ -364,6 +365,40 @@ def test_whole_numbers_of_up_to_32_bits_wrap_as_in_jax(dtype: Any) -> None:
     results = executable(traced_with(_whole, a[0], b[0]))(a.astype(np.float64), b.astype(np.float64))
     for mine, right in zip(results, jax.vmap(_whole)(a, b), strict=True):
         np.testing.assert_array_equal(mine, np.asarray(right).astype(np.float64))
+
+
+def _divided(a: Any, b: Any) -> tuple[Any, ...]:
+    """Quotients and remainders, also of constants, and what wraps around after them."""
+    seven, zero = jnp.asarray(7, a.dtype), jnp.asarray(0, a.dtype)
+    by_constants = lax.div(a, seven), lax.rem(a, seven), lax.div(a, zero), lax.rem(a, zero), lax.div(seven, b)
+    return *by_constants, lax.div(a, b), lax.rem(a, b), a // b, a % b, lax.div(a, b) + seven, jnp.abs(a)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64])
+def test_whole_numbers_divide_as_in_jax_also_by_zero(dtype: Any) -> None:
+    limits = np.iinfo(dtype)
+    # int64 is exact up to 2^53, and 32 bits do not wrap at their least number, which no model counts to
+    edges = [limits.min, limits.max] if limits.bits < 32 else [-(2**30), 2**30] if limits.min else [2**30]
+    values = np.array([-100, -7, -2, -1, 0, 1, 2, 9, 100][0 if limits.min else 4 :] + edges, dtype)
+    a, b = (pair.ravel() for pair in np.meshgrid(values, values))
+    results = executable(traced_with(_divided, a[0], b[0]))(a.astype(np.float64), b.astype(np.float64))
+    for mine, right in zip(results, jax.vmap(_divided)(a, b), strict=True):
+        np.testing.assert_array_equal(np.broadcast_to(mine, a.shape), np.asarray(right).astype(np.float64))
+
+
+def test_quotients_that_float64_cannot_represent_are_refused() -> None:
+    """XLA's quotient by 0 is 2^64 - 1 in uint64."""
+    with pytest.raises(UnsupportedError, match=r"uint64.* above 2\^53"):
+        traced_with(lax.div, np.uint64(1), np.uint64(1))
+    traced_with(lambda count: lax.div(count, jnp.uint64(3)), np.uint64(1))
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int32, np.uint32, np.int64])
+def test_floats_become_whole_numbers_as_in_jax(dtype: Any, real: Any) -> None:
+    x = np.array([np.nan, np.inf, -np.inf, 1e20, -1e20, 300.7, -300.7, -1.5, 2.0**31, -0.5], real)
+    (mine,) = executable(traced_with(lambda x: x.astype(dtype), x[0]))(x)
+    np.testing.assert_array_equal(mine, np.asarray(jax.jit(lambda x: x.astype(dtype))(x)).astype(np.float64))
 
 
 def test_counts_that_cannot_leave_their_dtype_are_not_wrapped() -> None:

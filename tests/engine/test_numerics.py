@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, get_args
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -153,3 +154,40 @@ def test_methods_by_the_flows_derivative_refuse_a_flow_that_hides_it(method: str
     assert hides is not None
     assert "stop_gradient" in hides
     assert "Allowed: tsit5" in hides
+
+
+class Oscillation(gs.DeclaredModel):
+    """A mass on a spring whose force is a function of its position, said to be linear."""
+
+    linear = True
+    x = gs.variable("m", "position", 1.0)
+    v = gs.variable("m/s", "velocity")
+    w = gs.parameter("rad/s", "frequency", 1.0)
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": -(p.w**2) * self.force(s.x)}
+
+    def force(self, x):
+        return x * (x > 0.0) + jnp.maximum(x, 0.5) + jnp.sign(x) * x / 3.0
+
+    def period(self, p):
+        return 6.0 / p.w
+
+
+@pytest.mark.parametrize(
+    ("operation", "force"),
+    [("sin", jnp.sin), ("mul", lambda x: x * jnp.abs(x)), ("integer_pow", lambda x: x - x**3 / 6.0)],
+)
+def test_a_flow_that_is_said_to_be_linear_and_is_not_is_refused(operation: str, force: Any) -> None:
+    """Methods for linear flows would make steps of order 2 without a word."""
+
+    class Wrong(Oscillation):
+        def force(self, x):
+            return force(x)
+
+    wrong = refusal("propagator6", Wrong(), "float64")
+    assert wrong is not None
+    assert f"'{operation}'" in wrong
+    assert "Allowed: tsit5" in wrong
+    # a flow that is linear between switches is none
+    assert refusal("propagator6", Oscillation(), "float64") is None

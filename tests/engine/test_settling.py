@@ -17,7 +17,8 @@ from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import attractors
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.numerics import Numerics
-from gaitsweep.engine.recorders.orbit_period import first_crossing
+from gaitsweep.engine.recorders.bounds import slowest
+from gaitsweep.engine.recorders.orbit_period import first_crossing, over_periods
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.job import JobError
 from gaitsweep.plot import draw
@@ -295,6 +296,16 @@ def test_the_slowest_observable_is_named(engine: str) -> None:
     )
     assert [Status(code).name for code in result.status] == ["cycle_limit", "settled"]
     assert result.numbers["slowest"].tolist() == [1, -1]
+
+
+def test_an_observable_that_repeats_is_not_the_slowest() -> None:
+    """A row all but repeats after two crossings: what drifts is named, not what takes turns."""
+    lags = jnp.arange(1.0, 11.0)
+    turns, drifts = jnp.where(lags % 2 == 1, 100.0, 0.0), 0.5 * lags
+    assert int(slowest(over_periods(jnp.stack([turns, drifts], axis=1)))) == 1
+    # a drift as large as the turn is no orbit, and an unknown change no observable
+    assert int(slowest(over_periods(jnp.stack([turns, 10.0 * drifts], axis=1)))) == 0
+    assert int(slowest(over_periods(jnp.stack([turns.at[9].set(jnp.nan), drifts], axis=1)))) == -1
 
 
 def job(**fields: Any) -> dict[str, Any]:

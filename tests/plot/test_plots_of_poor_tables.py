@@ -170,3 +170,32 @@ def test_poor_tables_of_slow_changes_and_maps_do_not_crash(whole: str) -> None:
     rendered(plot.return_map(crossings, y="delta_13", form="next"))
     rendered(plot.branches(crossings, y="delta_13", x="f"))
     rendered(plot.gait_map(settled, x="f", y="beta"))
+
+
+def test_axes_without_rows_have_their_range_or_no_ticks() -> None:
+    """Ticks from 0 to 1 would be read as values."""
+    table = settle_table()
+    empty = plot.basin(table.head(0), x="psi_1", y="psi_2").axes[0]
+    assert empty.get_xlabel()
+    numbers = table.assign(lag=np.nan)
+    numbers.attrs = table.attrs
+    axes = plot.basin(numbers, x="psi_1", y="lag").axes[0]
+    assert axes.get_xlim() == pytest.approx((0.0, 2.0 * np.pi))
+    assert len(axes.get_xticks()) > 2
+    assert not len(axes.get_yticks())
+    # of panels that share their axes one with rows has the range of both
+    numbers.loc[table["psi_3"] == table["psi_3"].max(), "lag"] = table["psi_2"]
+    grid = plot.basin(numbers, x="psi_1", y="lag", panels="psi_3").axes
+    assert [text.get_text() for text in grid[0].texts] == ["no rows yet"]
+    assert len(grid[0].get_yticks())
+
+
+def test_footprints_join_no_swing_twice() -> None:
+    """The second leg swings half as often as the first: each of its swings belongs to one of the first."""
+    t = np.arange(0.0, 60.0, 0.05)
+    late = 0.4 * (t // 5.0 % 2.0)  # so that the second leg is the regular one, whose cycle counts
+    first = (t % 5.0 < 3.6 + late) | (t % 5.0 >= 4.6 + late)
+    contacts = {"contact_1": first.astype(float), "contact_2": ((t - 2.4) % 10.0 < 9.0).astype(float)}
+    figure = plot.footprints(pd.DataFrame({"row": 0, "t": t, **contacts, "status": "complete"}))
+    ends = [np.asarray(line.get_xdata())[1] for line in figure.axes[0].lines]
+    assert len(ends) == len(set(ends)) > 0

@@ -75,12 +75,12 @@ def is_improved(w: Writer, best: int, new: int, order: Literal["lt", "gt"]) -> i
 
 
 def quotient(w: Writer, a: int, b: int) -> int:
-    """The quotient of a and b, for integers rounded towards zero."""
+    """The quotient of a and b; that of integers is rounded towards zero, and not finite where b is 0."""
     return truncated(w, w("div", a, b)) if w.kind == "int" else w("div", a, b)
 
 
 def remainder(w: Writer, a: int, b: int) -> int:
-    """The remainder of a / b, with the sign of a, up to the rounding of a.
+    """The remainder of a / b, with the sign of a, up to the rounding of a; of integers a where b is 0.
 
     It is NaN where it has no digit within this rounding, the quotient of floats being 1 / eps or more.
     """
@@ -88,7 +88,7 @@ def remainder(w: Writer, a: int, b: int) -> int:
     ratio = w.program.write("div", a, b) if known is None else known
     rest = w("sub", a, w("mul", b, truncated(w, ratio)))
     if w.kind == "int":
-        return rest
+        return w("select", w("eq", b, 0.0), a, rest)
     has_digits = w("lt", w("abs", ratio), 2.0**23 if w.single else 2.0**52)
     # also of an infinite b
     is_smaller = w("lt", w("abs", a), w("abs", b))
@@ -144,6 +144,15 @@ def logical(op: str) -> Build:
         return w("select", nodes[1], w("not", nodes[0]), nodes[0]) if op == "xor" else w(op, *nodes)
 
     return build
+
+
+def to_integer(w: Writer, x: int, low: float, high: float) -> int:
+    """A float rounded towards zero, within the limits of an integer dtype; NaN becomes 0."""
+    whole = w("to_f64", truncated(w, x))
+    # the limits of 32 bits are no float32
+    double = Writer(w.program, whole)
+    inside = minimum(double, maximum(double, whole, double.number(low)), double.number(high))
+    return w("to_int", double("select", w("ne", x, x), 0.0, inside))
 
 
 def converted(w: Writer, x: int, kind: Kind) -> int:

@@ -51,6 +51,28 @@ def _parametric(build: Build, read: Callable[[dict[str, Any]], Any]) -> Rule:
     return rule
 
 
+def _div(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    dtype = equation.outvars[0].aval.dtype
+    quotients = tracer.write(arithmetic.quotient, *args)
+    if kind_of(dtype) != "int":
+        return [quotients]
+    # by 0 all bits are 1, as in XLA
+    limits = np.iinfo(dtype)
+    by_zero = tracer.program.constant(-1 if limits.min else limits.max, "int")
+    is_zero = tracer.write(lambda w, at: w("eq", at, 0.0), args[1])
+    return [tracer.apply("select", is_zero, np.asarray(by_zero), quotients)]
+
+
+def _convert(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
+    old, new = equation.invars[0].aval.dtype, equation.params["new_dtype"]
+    kind = kind_of(new)
+    if kind == "int" and kind_of(old) in ("f32", "f64"):
+        limits = np.iinfo(new)
+        low, high = float(limits.min), float(limits.max)
+        return [tracer.write(lambda w, at: arithmetic.to_integer(w, at, low, high), args[0])]
+    return [tracer.write(lambda w, at: arithmetic.converted(w, at, kind), args[0])]
+
+
 def _reduce_precision(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
     info = np.finfo(equation.invars[0].aval.dtype)
     if (equation.params["exponent_bits"], equation.params["mantissa_bits"]) != (info.iexp, info.nmant):
@@ -259,7 +281,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "lt_to": _elementwise(arithmetic.before),
     "eq_to": _elementwise(arithmetic.same_rank),
     "le_to": _elementwise(arithmetic.not_after),
-    "div": _elementwise(arithmetic.quotient),
+    "div": _div,
     "rem": _elementwise(arithmetic.remainder),
     "max": _elementwise(arithmetic.maximum),
     "min": _elementwise(arithmetic.minimum),
@@ -291,7 +313,7 @@ _ELEMENTWISE: dict[str, Rule] = {
     "tanh": _elementwise(elementary.hyperbolic_tangent),
     "is_finite": _elementwise(arithmetic.is_finite),
     "integer_pow": _parametric(arithmetic.whole_power, lambda params: params["y"]),
-    "convert_element_type": _parametric(arithmetic.converted, lambda params: kind_of(params["new_dtype"])),
+    "convert_element_type": _convert,
     "philox": _philox,
     "clamp": _clamp,
     "select_n": _select_n,

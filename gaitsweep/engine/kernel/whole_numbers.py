@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from gaitsweep.engine.kernel.program import Node, Program
 
 # Operations whose results wrap around in JAX where the dtype of whole numbers has no room for them.
 _WRAPPING = {
-    *("add", "add_any", "sub", "neg", "mul", "square", "integer_pow", "pow", "dot_general"),
+    *("add", "add_any", "sub", "neg", "abs", "mul", "div", "square", "integer_pow", "pow", "dot_general"),
     *("reduce_sum", "reduce_prod", "cumsum", "cumprod", "scatter-add", "scatter-sub", "scatter-mul"),
     "convert_element_type",
 }
@@ -33,6 +34,16 @@ class Range(NamedTuple):
     def is_within(self, low: float, high: float) -> bool:
         """Whether all possible values are from `low` to `high`."""
         return low <= self.low and self.high <= high
+
+    @property
+    def size(self) -> float:
+        """The largest possible absolute value."""
+        return max(abs(self.low), abs(self.high))
+
+    @property
+    def holds_zero(self) -> bool:
+        """Whether 0 is among the possible values."""
+        return self.low <= 0.0 <= self.high
 
     def union(self, other: Range) -> Range:
         """The smallest range with all values of both."""
@@ -65,13 +76,14 @@ class WholeNumbers:
             args, outputs: the nodes of its inputs and of its results.
         """
         dtype = _wrapping_dtype(equation)
-        if equation.primitive.name == "rem":  # which is nearer to zero than the divisor
-            bounds = [abs(bound) for at in args[1].flat for bound in self.range_of(int(at))]
-            size = max(bounds, default=0.0)
-            self._set(outputs[0], Range(-size, size))
+        if equation.primitive.name == "rem" and outputs[0].size:
+            self._set(outputs[0], self._remainders(args[0], args[1]))
         if dtype is None:
             return None
         limits = jnp.iinfo(dtype)
+        if equation.primitive.name == "div" and outputs[0].size:
+            by_zero = float(-1 if limits.min else limits.max)
+            self._set(outputs[0], self._quotients(args[0], args[1], Range(by_zero, by_zero)))
         # of 64 bits without a sign only differences below 0 wrap
         least = 0.0 if limits.bits == 64 and not limits.min else -_EXACT
         for nodes in outputs:
@@ -79,6 +91,23 @@ class WholeNumbers:
                 beyond = "above 2^53" if least else "below 0 or above 2^53"
                 return f"the results of '{equation.primitive.name}', {dtype} numbers that may be {beyond}"
         return None
+
+    def _remainders(self, dividends: np.ndarray, divisors: np.ndarray) -> Range:
+        """The range of remainders: nearer to zero than the divisor, or the dividend if that is 0."""
+        size, divisor = self._of_all(dividends).size, self._of_all(divisors)
+        bound = size if divisor.holds_zero else min(size, divisor.size)
+        return Range(-bound, bound)
+
+    def _quotients(self, dividends: np.ndarray, divisors: np.ndarray, by_zero: Range) -> Range:
+        """The range of quotients, those `by_zero` included where a divisor may be 0."""
+        dividend, divisor = self._of_all(dividends), self._of_all(divisors)
+        least = 0.0 if dividend.low >= 0.0 and divisor.low >= 0.0 else -dividend.size
+        quotients = Range(least, dividend.size)
+        return quotients.union(by_zero) if divisor.holds_zero else quotients
+
+    def _of_all(self, nodes: np.ndarray) -> Range:
+        """The range of the values of some nodes."""
+        return functools.reduce(Range.union, [self.range_of(int(at)) for at in nodes.flat])
 
     def wrapped(self, equation: JaxprEqn, outputs: list[np.ndarray]) -> list[np.ndarray]:
         """The results of an equation, those of up to 32 bits as JAX wraps them: 3 * 100 is 44 in uint8."""

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, Num
 
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.carry import Integer
-from gaitsweep.engine.recorders.bounds import per_observable
+from gaitsweep.engine.recorders.bounds import Crossings, per_observable
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT
 
@@ -75,6 +75,23 @@ def orbit_period(
         repeats = slow & (ORBIT_SEPARATION * latest < spacing) & (decays | rests)
         period = jnp.where(repeats, p, period)
     return period
+
+
+def over_periods(moved: Crossings) -> Crossings:
+    """The largest changes (1, n) from earlier crossings, on an orbit of several from whole periods earlier.
+
+    A row is on an orbit if these changes are `ORBIT_SEPARATION` times smaller than the others.
+
+    Args:
+        moved: the changes (w, n) from the state 1, 2, ... crossings earlier, in units of the bounds. The
+            longest orbit has half as many crossings.
+    """
+    largest = chosen = jnp.max(moved, axis=0)
+    for period in range(len(moved) // 2, 1, -1):
+        of_period = jnp.max(moved[period - 1 :: period], axis=0)
+        repeats = ORBIT_SEPARATION * jnp.max(of_period) < jnp.max(largest)
+        chosen = jnp.where(repeats, of_period, chosen)
+    return chosen[None, :]
 
 
 def _maximal_divisors(p: int) -> list[int]:

@@ -25,7 +25,7 @@ from gaitsweep.engine.recorders.bounds import (
     widened,
 )
 from gaitsweep.engine.recorders.exponents import Exponents, exponent_numbers, may_turn, separated
-from gaitsweep.engine.recorders.orbit_period import NO_MOTION, orbit_period
+from gaitsweep.engine.recorders.orbit_period import NO_MOTION, orbit_period, over_periods
 from gaitsweep.engine.recorders.recorder import (
     SPARE_CYCLES,
     Beginning,
@@ -288,7 +288,8 @@ class SettleRecorder(Recorder):
         at_crossing = jnp.where(settled, Status.settled, at_crossing)
         at_time = jnp.where(carry.halt == Halt.TIME, growth.at_time_limit, Status.running)
         status = jnp.where(crossed, at_crossing, jnp.where(at_rest, Status.at_rest, at_time))
-        slowest_place = jnp.where(crossed & given_up & ~settled, slowest(crossing.moved[:SETTLE_WINDOW]), -1)
+        most = slowest(over_periods(crossing.moved[:SETTLE_WINDOW]))
+        slowest_place = jnp.where(crossed & given_up & ~settled, most, -1)
         # rows that fail have no exponents
         exponents = {
             name: jnp.where(status == Status.running, jnp.nan, number)

@@ -14,7 +14,7 @@ from gaitsweep.engine.solver.rosenbrock import MAX_VARIABLES, rodas5p
 from gaitsweep.engine.solver.runge_kutta import Step, euler_update, rk4, tsit5
 from gaitsweep.engine.solver.taylor import lacking_recurrence, taylor
 from gaitsweep.engine.stored_traces import counts_of_state, shapes_of, stored
-from gaitsweep.engine.switches import moving_operations
+from gaitsweep.engine.switches import curving_operation, moving_operations
 from gaitsweep.errors import ArgumentError
 
 # The dtype of states and times; mixed: they are float64, and steps are passed to the model as float32.
@@ -145,16 +145,25 @@ def _allowed(model: Model, *, linear: bool) -> str:
 def _refusal_of_linear_method(name: str, model: Model, precision: Precision) -> str | None:
     """The reason why a method for linear flows does not suit a model and a precision, or None."""
     general = _allowed(model, linear=False)
+    needs = "needs a flow that is linear in the state between events"
     if not (isinstance(model, HybridModel) and model.linear):
         lacks = f"{model.name} does not declare that of its flow"
-        needs = "needs a flow that is linear in the state between events"
         return f"is {name}, which {needs}, but {lacks}. Allowed: {general}."
     if precision != "float64":
         return f"is {name}, which needs numerics.precision float64. Allowed in {precision}: {general}."
     if _hides_derivative(model):
         hides = f"stop_gradient hides a part of it in {model.name}"
         return f"is {name}, whose matrix is the derivative of the flow, but {hides}. Allowed: {general}."
+    if (curved := _curving_operation(model)) is not None:
+        has = f"the flow of {model.name}, whose class states `linear`, has '{curved}' of what it moves"
+        return f"is {name}, which {needs}, but {has}: remove `linear`. Allowed: {general}."
     return None
+
+
+@cached_by_content(maxsize=64)
+def _curving_operation(model: HybridModel) -> str | None:
+    """The name of an operation by which the flow of a model is not affine between switches, or None."""
+    return stored("curving", model, (), lambda: curving_operation(model, *shapes_of(model)))
 
 
 @cached_by_content(maxsize=64)

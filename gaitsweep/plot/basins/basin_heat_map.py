@@ -99,7 +99,9 @@ def basin(
     height = rows * (side + 0.35 + 0.14 * lines) + (0.35 if numeric else legend)
     with theme.canvas(width, height, title) as figure:
         if not len(table):
-            theme.message(figure.add_subplot(), "no rows yet")
+            panel = figure.add_subplot()
+            theme.message(panel, "no rows yet")
+            _label_axes(table, [panel], x, y, 1, int(side * _LETTERS))
             return figure
         if columns * _LEAST_IN_ROWS > theme.width_of(width) and (engine := figure.get_layout_engine()):
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
