@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -85,6 +86,22 @@ def test_a_lazy_name_stands_for_the_object() -> None:
     assert names["Name"] is json.JSONDecoder
     assert isinstance(json.JSONDecoder(), lazy)  # pyright: ignore[reportArgumentType]
     assert Lazy({}, "xml", "etree").__name__ == "xml.etree"
+
+
+def test_no_error_is_caught_by_a_lazy_name() -> None:
+    """Python takes no name that stands for a class after `except`: it needs the attribute of its module."""
+    for path in (ROOT / "gaitsweep").rglob("*.py"):
+        module = ast.parse(path.read_text(encoding="utf-8"))
+        imports = [node for node in module.body if isinstance(node, ast.ImportFrom)]
+        lazy = {
+            each.asname or each.name
+            for node in imports
+            if str(node.module).partition(".")[0] in LAZY
+            for each in node.names
+        }
+        handlers = [node for node in ast.walk(module) if isinstance(node, ast.ExceptHandler)]
+        caught = [kind for each in handlers for kind in getattr(each.type, "elts", [each.type])]
+        assert not lazy & {kind.id for kind in caught if isinstance(kind, ast.Name)}, path
 
 
 def test_modules_of_packages_are_found_by_all_forms_of_import() -> None:

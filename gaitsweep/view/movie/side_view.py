@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
-from scipy.spatial import ConvexHull, QhullError
+from scipy import spatial
 
 from gaitsweep.mathtext import escape_unparsable
 from gaitsweep.plot.limbs import limb_colours
@@ -280,8 +280,8 @@ class SideView:
 def _hull(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "corners 2"]:
     """The corners of the convex hull of points."""
     try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:  # all points on one line, as on the near side of a flat body
+        return points[spatial.ConvexHull(points).vertices]
+    except spatial.QhullError:  # all points on one line, as on the near side of a flat body
         return points
 
 
