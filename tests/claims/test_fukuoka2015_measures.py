@@ -9,6 +9,7 @@ import pytest
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError, default_values
+from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases
@@ -131,6 +132,9 @@ def test_pitch_cycles_and_stance() -> None:
     assert gait_measures.pitch_cycles(both, where="row == 0") == 1.0
     assert gait_measures.pitch_cycles(both, where="row == 1") == 2.0
     assert gait_measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
+    for without in (both.assign(pitch=np.nan), both.loc[both["t"] < 0.1]):
+        with pytest.raises(MeasureError, match="No row has one of the nine gaits"):
+            gait_measures.pitch_cycles(without)
 
 
 def test_loads_of_pairs() -> None:
@@ -146,7 +150,7 @@ def test_loads_of_pairs() -> None:
     assert gait_measures.late_tilt(table, gait="L-walk") == pytest.approx(
         [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
-    with pytest.raises(MeasureError, match="weight is not a column of the table"):
+    with pytest.raises(AnalysisError, match="weight is not a column of this table"):
         gait_measures.pair_measure(table, gait="L-walk", pair=1, quantity="weight")
     with pytest.raises(MeasureError, match="no measure weight"):
         gait_measures.rule_agreement(table, quantity="weight")
@@ -175,7 +179,7 @@ def test_values_of_the_model() -> None:
     assert gait_measures.diagonal_links() == 0.0
     assert gait_measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
     assert gait_measures.motor_targets() == [0.0] * 4
-    with pytest.raises(MeasureError, match="torso_mass"):
+    with pytest.raises(ArgumentError, match="torso_mass"):
         default_values(model="planar_quadruped", names=["torso_mas"])
 
 

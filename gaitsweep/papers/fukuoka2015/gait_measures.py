@@ -191,8 +191,18 @@ def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition,
 
 @measure
 def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> float:
-    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
-    oscillation = body_oscillation(records(table, where))
+    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1).
+
+    Args:
+        table: a trace.
+        where: a condition that selects rows.
+
+    Raises:
+        MeasureError: no row has one of the nine gaits and a pitch.
+    """
+    oscillation = body_oscillation(records(table, where)).dropna(subset=["once", "twice"])
+    if oscillation.empty:
+        raise MeasureError("No row has one of the nine gaits and a pitch.")
     return float(np.median(np.where(oscillation["twice"] > oscillation["once"], 2.0, 1.0)))
 
 
