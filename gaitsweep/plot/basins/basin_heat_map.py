@@ -253,7 +253,7 @@ def _cells(
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
     names = [name for name in shown.unique() if scale is None or name in HATCHED]
-    values = part[hue].where(~shown.isin(HATCHED)) if scale else None
+    values = part[hue].astype(float).where(~shown.isin(HATCHED)) if scale else None
     grid = cell_grid(part, x, y, table)
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
@@ -336,13 +336,13 @@ def recovery(
     """
     require_columns(table, x, y, panels, "recovery")
     dtype = table["recovery"].dtype
-    names = table["recovery"].astype(object)
+    names = table["recovery"].astype(object).fillna(Outcome.NO_GAIT)
     if {"gait", "gait_before"} <= set(table.columns):
         gait, before = (table[name].astype(object) for name in ("gait", "gait_before"))
         in_other_gait = (names == "elsewhere") & gait.notna() & (gait != before) & (gait != Outcome.NO_GAIT)
         names = names.where(~in_other_gait, gait)
     categories = list(map(str, dtype.categories)) if isinstance(dtype, pd.CategoricalDtype) else []
-    order = [*categories, *sorted(set(names.dropna()) - set(categories))]
+    order = [*categories, *sorted(set(names) - set(categories))]
     shown = table.assign(recovery=pd.Categorical(names, order), outcome=np.asarray(names, object))
     # the statuses of the rows are in the names already
     shown.attrs = {**table.attrs, "outcome_of": "recovery"}
