@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, _wrong_arguments, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError, default_values
 from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
@@ -152,7 +154,7 @@ def test_loads_of_pairs() -> None:
     )
     with pytest.raises(AnalysisError, match="weight is not a column of this table"):
         gait_measures.pair_measure(table, gait="L-walk", pair=1, quantity="weight")
-    with pytest.raises(MeasureError, match="no measure weight"):
+    with pytest.raises(ArgumentError, match="no measure weight"):
         gait_measures.rule_agreement(table, quantity="weight")
 
 
@@ -181,6 +183,23 @@ def test_values_of_the_model() -> None:
     assert gait_measures.motor_targets() == [0.0] * 4
     with pytest.raises(ArgumentError, match="torso_mass"):
         default_values(model="planar_quadruped", names=["torso_mas"])
+
+
+@pytest.mark.parametrize(
+    ("measure", "fields", "sentence"),
+    [
+        ("gait_share", {"gaits": ["trott"]}, "did you mean trot"),
+        ("chart_order", {"gait": "L-wak"}, "did you mean L-walk"),
+        ("flight_between", {"gait": "trot", "legs": ["LF", "FR"]}, "legs: a list"),
+        ("flight_between", {"gait": "trot", "legs": ["LF", "RF"]}, None),
+    ],
+)
+def test_names_in_claims_are_those_of_gaits_and_legs(
+    measure: str, fields: dict[str, Any], sentence: str | None
+) -> None:
+    claim = next(claim for claim in read_paper("fukuoka2015").claims if claim.measure == measure)
+    refusal = _wrong_arguments(claim.model_copy(update={"with_": fields}))
+    assert refusal is None if sentence is None else sentence in str(refusal)
 
 
 def test_verdicts_of_the_claims() -> None:
