@@ -151,5 +151,5 @@ def test_missing_values_of_a_hue_or_of_panels_are_drawn() -> None:
     figure = draw("basin", some_fell, **axes, hue="right")
     rendered(figure)
     assert [text.split()[0] for text in legend_texts(figure)] == ["failed"]  # the others are on a scale
-    rendered(draw("recovery", one.assign(recovery=np.where(first, "recovered", None)), **axes))
+    rendered(draw("recovery", one.assign(recovery=pd.Series("recovered", one.index).where(first)), **axes))
     rendered(draw("basin_measures", table().assign(p=lambda t: t["p"].where(t["p"] > 2.0)), panels="p"))
