@@ -89,10 +89,7 @@ def basin(
     # a row that has not settled may be named twice: by the hue, and by its outcome
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
     key = [name for name in names if not numeric or name in HATCHED]
-    headings = []
-    for value, part in parts if panels else ():
-        texts = _shares(shown.loc[part.index], key) if shares else []
-        headings.append(_heading(written(table, str(panels), value), texts, side))
+    headings = _headings(table, panels, parts, shown, key if shares else [], side)
     lines = max((text.count("\n") for text in headings), default=0)
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
@@ -105,12 +102,10 @@ def basin(
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(parts), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
-        scale: dict[str, Any] | None = None
-        if numeric:
-            of_scale = table.loc[~shown.isin(HATCHED), hue]
-            scale = {"cmap": "viridis", "norm": Normalize(of_scale.min(), of_scale.max())}
+        of_scale = table.loc[~shown.isin(HATCHED), hue]
+        norm = Normalize(of_scale.min(), of_scale.max()) if numeric else None
         images = [
-            _cells(axes, part, (x, y, hue), shown.loc[part.index], scale, looks, table)
+            _cells(axes, part, (x, y, hue), shown.loc[part.index], norm, looks, table)
             for axes, (_, part) in zip(grid, parts, strict=True)
         ]
         for axes, text in zip(grid, headings, strict=False):  # without panels there are none
@@ -188,11 +183,33 @@ def _inferred_share(table: pd.DataFrame) -> float:
     return float(np.mean(table["status"].astype(str).to_numpy(str) == Status.inferred.name))
 
 
-def _heading(value: str, shares: Sequence[str], width: float) -> str:
-    """The heading of a panel: its value, and the shares of its outcomes in lines of `width` inches."""
-    # no break of a line between a name and its share
-    above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in shares), width, 7.5)
-    return f"{value}\n{above}".replace(",\n", "\n").strip()
+def _headings(
+    table: pd.DataFrame,
+    panels: str | None,
+    parts: Sequence[tuple[Any, pd.DataFrame]],
+    shown: pd.Series,
+    names: Sequence[str],
+    width: float,
+) -> list[str]:
+    """The heading of each panel, its value and the shares of outcomes; none where no row has a value.
+
+    Args:
+        table: the rows of all panels.
+        panels: the column of the values.
+        parts: the value of each panel, and its rows.
+        shown: the outcome of each row of the table.
+        names: the outcomes whose shares are given.
+        width: length of a line, inches.
+    """
+    headings = []
+    for value, part in parts:
+        if panels is None or value is None:
+            continue
+        # no break of a line between a name and its share
+        texts = [text.replace(" ", "\u00a0") for text in _shares(shown.loc[part.index], names)]
+        text = f"{written(table, panels, value)}\n{theme.wrapped(', '.join(texts), width, 7.5)}"
+        headings.append(text.replace(",\n", "\n").strip())
+    return headings
 
 
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:
@@ -229,7 +246,7 @@ def _cells(
     part: pd.DataFrame,
     names_of_columns: tuple[str, str, str],
     shown: pd.Series,
-    scale: dict[str, Any] | None,
+    norm: Normalize | None,
     looks: _Looks,
     table: pd.DataFrame,
 ) -> ScalarMappable | None:
@@ -240,7 +257,7 @@ def _cells(
         part: its rows.
         names_of_columns: x, y and hue.
         shown: the outcome of each row of the part.
-        scale: the colour scale of a numeric hue; None for another.
+        norm: the colour scale of a numeric hue; None for another.
         looks: colour, marker and hatch of each outcome.
         table: the rows of all panels.
     """
@@ -252,19 +269,20 @@ def _cells(
     log_axes(axes, part, x=x, y=y)
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
-    names = [name for name in shown.unique() if scale is None or name in HATCHED]
-    values = part[hue].astype(float).where(~shown.isin(HATCHED)) if scale else None
+    names = [name for name in shown.unique() if norm is None or name in HATCHED]
+    values = None if norm is None else part[hue].astype(float).where(~shown.isin(HATCHED))
+    scale: dict[str, Any] = {"cmap": "viridis", "norm": norm}
     grid = cell_grid(part, x, y, table)
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
         for name in names:
             starts = rows_where(part, shown == name)
             axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
-        return axes.scatter(part[x], part[y], c=values, s=size, **scale) if scale else None
+        return None if norm is None else axes.scatter(part[x], part[y], c=values, s=size, **scale)
     if part.duplicated([x, y]).any():
         raise PlotError(_why_repeated(part, x, y))
     image = None
-    if scale:
+    if norm is not None:
         image = axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **scale)
     marked = rows_where(part, shown.isin(names))
     if len(marked):

@@ -67,12 +67,10 @@ class Chain(NamedTuple):
         self.require_equal_inner_legs(result)
         for name in ("kappa_1", "kappa_end", "a_1", "a_end"):
             inner = name.partition("_")[0]
-            value = getattr(self, name)
-            if value is not None and float(value) != float(getattr(self, inner)):
-                raise ArgumentError(
-                    f"{result} requires uniform springs and amplitudes, but {name} is {float(value):g} and "
-                    f"{inner} {float(getattr(self, inner)):g}."
-                )
+            end, others = getattr(self, name), getattr(self, inner)
+            if end is not None and end != others:
+                text = f"but {name} is {end:g} and {inner} {others:g}."
+                raise ArgumentError(f"{result} requires uniform springs and amplitudes, {text}")
 
 
 TABLE_1 = Chain()
