@@ -203,7 +203,7 @@ class _PaperRun:
             path = self.runs[name].path
             assert path is not None
             self._tables[name] = load(path)
-        return self._tables[name]
+        return self._tables[name].copy(deep=False)  # which a measure may change
 
     def _judge(self, claim: Claim | None) -> _Judgement:
         """Measure a claim, and compare its value with the paper's."""
