@@ -136,8 +136,16 @@ def error_of_gaits(field: str, gaits: Iterable[str], model: Model) -> FieldError
     return None
 
 
-def error_of_column(formula: str, columns: Sequence[str]) -> FieldError:
-    """Check a numeric column or a formula of such columns; return as `Measure.field_error` does."""
+def error_of_column(formula: str, columns: Sequence[str], ordered: Model | None = None) -> FieldError:
+    """Check a numeric column or a formula of such columns; return as `Measure.field_error` does.
+
+    Args:
+        formula: the column or formula.
+        columns: the columns of the table.
+        ordered: the model, for a measure that compares values, so that angles of the model are refused.
+    """
+    if ordered is not None and _is_angle(formula, ordered):
+        return "of", f"is {formula}, an angle, and angles on the circle have no order and no middle."
     numeric_columns = _numeric_columns(columns)
     if formula in numeric_columns:
         return None
@@ -230,10 +238,7 @@ class Measure(StrictModel):
 
     def circular(self, model: Model) -> bool:
         """Return whether its value is an angle."""
-        if self.angle_field is None:
-            return False
-        quantity = _quantities(model).get(getattr(self, self.angle_field))
-        return quantity is not None and quantity.circular
+        return self.angle_field is not None and _is_angle(getattr(self, self.angle_field), model)
 
     def unit(self, model: Model) -> str:
         """Return the unit of its value; "" for a formula."""
@@ -313,6 +318,12 @@ def _end(name: str, columns: Iterable[str]) -> str:
     """Return the name of the column at the rows' end, if there is one, else the name itself."""
     name_at_end = f"{name}_end"
     return name_at_end if name_at_end in columns else name
+
+
+def _is_angle(name: str, model: Model) -> bool:
+    """Return whether a column is an angle of the model."""
+    quantity = _quantities(model).get(name)
+    return quantity is not None and quantity.circular
 
 
 def _quantities(model: Model) -> dict[str, Quantity]:

@@ -20,6 +20,14 @@ from gaitsweep.fitting.search_job import read_search
 TOY = toy_model.Toy()
 
 
+class Turning(toy_model.Toy):
+    """The toy with an angle among its labels."""
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return (Quantity("turn", "rad", "an angle", circular=True),)
+
+
 def measure(kind: str, **fields: Any) -> RowMeasure:
     made = MEASURES[kind].model_validate({"kind": kind, "at": {"mass": [1, 2, 3, 4]}, **fields})
     assert isinstance(made, RowMeasure)
@@ -39,14 +47,12 @@ def test_a_formula_takes_the_values_at_the_end() -> None:
 
 
 def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
-    class Turning(toy_model.Toy):
-        @property
-        def label_fields(self) -> tuple[Quantity, ...]:
-            return (Quantity("turn", "rad", "an angle", circular=True),)
-
     seen = rows(turn=[[3.1, -3.1, 3.1, -3.1]])
     result = measure("value", of="turn").of_sets(seen, Turning())
     assert abs(result.values[0]) == pytest.approx(np.pi)
+    for kind, fields in (("order", {"gaits": ["hop", "rest"]}), ("prominence", {"along": "mass"})):
+        refusal = measure(kind, of="turn", **fields).field_error(["turn"], Turning())
+        assert "is turn, an angle" in str(refusal)
 
 
 def test_a_formula_that_is_not_finite_is_missing() -> None:
