@@ -709,6 +709,18 @@ def test_optimisers_stay_in_their_ranges_and_repeat(method: Method) -> None:
     assert not np.array_equal(first, points(2))
 
 
+@pytest.mark.parametrize("method", get_args(Method))
+def test_known_points_come_first_even_if_a_batch_has_fewer(method: Method) -> None:
+    known = np.random.default_rng(1).random((6, 2))
+    made = optimiser(method, dimension=2, targets=2, start=0, together=4, seed=0, known_points=known)
+    asked = []
+    for _ in range(3):
+        shares = made.ask(4)
+        made.tell(shares.sum(axis=1), shares)
+        asked.append(shares)
+    assert np.array_equal(np.concatenate(asked)[:6], known)
+
+
 def test_small_and_large_strategies_have_equal_budgets(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hansen 2009: a strategy begins as a large one unless the large ones have had more points so far.
 
