@@ -354,7 +354,7 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 def agrees(claim: Claim, ours: Value) -> bool:
     """Return whether a value is within a claim's tolerance or bounds, or equals its text.
 
-    It is not if it is NaN, or an empty list. A value on a bound is within it, whatever its last digit.
+    A number that is not finite and an empty list do not agree; a value on a bound does, rounding included.
 
     Args:
         claim, ours: as for `verdict`.

@@ -118,7 +118,7 @@ def value(
         table: a result table.
         column: the column.
         where: a condition that selects records; all by default.
-        take: the number that is taken of the column.
+        take: the statistic; `count` is the number of records with a value.
 
     Raises:
         MeasureError: no record fulfils `where`, the values of the column are not numbers, or `take` is not

@@ -125,7 +125,7 @@ def basin(
 
 
 def _layout(count: int, *, numeric: bool) -> tuple[int, int, float, float]:
-    """The rows and columns of so many panels, the figure's width and the side of a square panel, inches.
+    """The rows and columns of `count` panels, the figure's width and the side of a square panel, inches.
 
     With a `numeric` hue there is a colour bar beside them.
     """
@@ -221,7 +221,7 @@ def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[
 def _label_axes(
     table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int, letters: int
 ) -> None:
-    """Write labels in lines of so many letters along the outer edges, and ticks of angles in multiples of pi.
+    """Write labels, in lines of `letters`, along the outer edges, and ticks of angles in multiples of pi.
 
     Of several panels, and in a column of a paper, the label of a column with a symbol is the symbol and the
     unit.
