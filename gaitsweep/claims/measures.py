@@ -268,4 +268,4 @@ def one_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
     part = masked(table, table["row"] == row)
     if part.empty:
         raise MeasureError(f"The table has no row {row}.")
-    return part.sort_values(by="t") if "t" in part.columns else part
+    return part.sort_values(by="t", kind="stable") if "t" in part.columns else part
