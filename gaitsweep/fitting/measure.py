@@ -245,7 +245,7 @@ class Measure(StrictModel):
         if self.unit_field is None:
             return "1"
         name = getattr(self, self.unit_field)
-        units = {"t": "s", "t_end": "s"} | {name: q.unit for name, q in _quantities(model).items()}
+        units = {"t": "s", "t_end": "s"} | {key: q.unit for key, q in _quantities(model).items()}
         return units.get(name, "1" if name.isidentifier() else "")
 
     @property
