@@ -215,7 +215,9 @@ def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
 
 
 def plain(value: Any) -> Any:
-    """Replace arrays, series and NumPy numbers by lists and Python numbers, also inside mappings."""
+    """Replace arrays, NumPy numbers and models by lists, numbers and mappings, also inside mappings."""
+    if isinstance(value, BaseModel):
+        return plain(value.model_dump(by_alias=True, exclude_none=True))
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):

@@ -132,6 +132,16 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     assert_frame_equal(short, stored.table.iloc[:16])
 
 
+def test_a_job_may_have_runs_and_numbers_of_numpy() -> None:
+    fields = job(free={"kick": (np.float64(0.1), np.float32(3.0))})
+    fields["run"] = gs.Settle(max_cycles=60, tolerance=1e-9)
+    fields["search"]["targets"]["speed"]["run"] = gs.FixedTime(duration=6.0)
+    written = read_search(fields, Path()).written
+    assert written == yaml.safe_load(yaml.safe_dump(written))
+    assert written["run"]["kind"] == "settle"
+    assert written["search"]["targets"]["speed"]["run"]["kind"] == "fixed_time"
+
+
 def test_measures_may_have_a_run_of_their_own(tmp_path: Path) -> None:
     """Early launches are those of the toy's geometric series; late ones have come to rest."""
     short = {"run": {"kind": "fixed_time", "duration": 6.0}, "at": {"mass": 1, "launch_1": 1.0}, "error": 1}
