@@ -89,7 +89,11 @@ def basin(
     # a row that has not settled may be named twice: by the hue, and by its outcome
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
     key = [name for name in names if not numeric or name in HATCHED]
-    headings = _headings(table, panels, parts, shown, key if shares else [], side)
+    headings = [
+        _heading(written(table, panels, value), _shares(shown.loc[part.index], key if shares else []), side)
+        for value, part in parts
+        if panels is not None and value is not None  # else one panel has all rows
+    ]
     lines = max((text.count("\n") for text in headings), default=0)
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
@@ -183,33 +187,11 @@ def _inferred_share(table: pd.DataFrame) -> float:
     return float(np.mean(table["status"].astype(str).to_numpy(str) == Status.inferred.name))
 
 
-def _headings(
-    table: pd.DataFrame,
-    panels: str | None,
-    parts: Sequence[tuple[Any, pd.DataFrame]],
-    shown: pd.Series,
-    names: Sequence[str],
-    width: float,
-) -> list[str]:
-    """The heading of each panel, its value and the shares of outcomes; none where no row has a value.
-
-    Args:
-        table: the rows of all panels.
-        panels: the column of the values.
-        parts: the value of each panel, and its rows.
-        shown: the outcome of each row of the table.
-        names: the outcomes whose shares are given.
-        width: length of a line, inches.
-    """
-    headings = []
-    for value, part in parts:
-        if panels is None or value is None:
-            continue
-        # no break of a line between a name and its share
-        texts = [text.replace(" ", "\u00a0") for text in _shares(shown.loc[part.index], names)]
-        text = f"{written(table, panels, value)}\n{theme.wrapped(', '.join(texts), width, 7.5)}"
-        headings.append(text.replace(",\n", "\n").strip())
-    return headings
+def _heading(value: str, shares: Sequence[str], width: float) -> str:
+    """The heading of a panel: its value, and the shares of its outcomes in lines of `width` inches."""
+    # no break of a line between a name and its share
+    above = theme.wrapped(", ".join(text.replace(" ", "\u00a0") for text in shares), width, 7.5)
+    return f"{value}\n{above}".replace(",\n", "\n").strip()
 
 
 def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[str]:
