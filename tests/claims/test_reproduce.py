@@ -152,6 +152,7 @@ def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, 
         ),
         ("paper: 0, tolerance: 0.1", "paper: 0, tolerance: 0.1, equals: a", "claims[1] has equals"),
         ("paper: 0, tolerance: 0.1", "paper: none, above: 0, equals: a", "claims[1] has equals beside"),
+        ("paper: 0, tolerance: 0.1", "paper: 0, between: [1]", "claims[1].between[1] is missing"),
         (
             "paper: 0, tolerance: 0.1",
             "paper: 0, tolerance: 0.1, quick: {between: [2, 1]}",

@@ -396,6 +396,8 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
             {"robust": ROBUST | {"constants": ["masss"]}},
             "is masss, which is not a parameter",
         ),
+        ({"robust": {}}, "search.robust.within is missing: largest change"),
+        ({"robust": ROBUST | {"set": 3}}, "search.robust.set is not a field of robust; did you mean sets?"),
         ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is not a target"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
@@ -406,6 +408,13 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         searched(job(**change), tmp_path / "out")
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("values", [5, "x", [[1]]])
+@pytest.mark.parametrize("field", ["params", "start"])
+def test_constants_that_are_no_mapping_are_refused(field: str, values: Any) -> None:
+    with pytest.raises(JobError, match=f"{field} is .*, but must be a mapping"):
+        read_search({**TOY, field: values}, Path())
 
 
 def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
