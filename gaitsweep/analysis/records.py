@@ -174,7 +174,7 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
     """
     require(table, label)
     if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
-        return pd.Series(np.asarray(table["outcome"], object), index=table.index)
+        return pd.Series(table["outcome"]).astype(object).fillna(Outcome.NO_GAIT.value)
     names = table[label].astype(object).map(str, na_action="ignore")
     status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)
     return pd.Series(outcomes(pd.Categorical(names), status), index=table.index).astype(object)

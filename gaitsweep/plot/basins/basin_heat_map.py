@@ -336,13 +336,13 @@ def recovery(
     """
     require_columns(table, x, y, panels, "recovery")
     dtype = table["recovery"].dtype
-    names = table["recovery"].astype(object).fillna(Outcome.NO_GAIT)
+    names = table["recovery"].astype(object)
     if {"gait", "gait_before"} <= set(table.columns):
         gait, before = (table[name].astype(object) for name in ("gait", "gait_before"))
         in_other_gait = (names == "elsewhere") & gait.notna() & (gait != before) & (gait != Outcome.NO_GAIT)
         names = names.where(~in_other_gait, gait)
     categories = list(map(str, dtype.categories)) if isinstance(dtype, pd.CategoricalDtype) else []
-    order = [*categories, *sorted(set(names) - set(categories))]
+    order = [*categories, *sorted(set(names.dropna()) - set(categories))]
     shown = table.assign(recovery=pd.Categorical(names, order), outcome=np.asarray(names, object))
     # the statuses of the rows are in the names already
     shown.attrs = {**table.attrs, "outcome_of": "recovery"}
