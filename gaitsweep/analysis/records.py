@@ -23,6 +23,10 @@ class AnalysisError(UserError, ValueError):
     """A table does not allow this analysis; the message is a sentence for the user."""
 
 
+class ColumnError(AnalysisError):
+    """A table does not have a column; the message is a sentence for the user."""
+
+
 def section_column(table: pd.DataFrame, observable: str) -> str:
     """The column of a section observable.
 
@@ -31,23 +35,23 @@ def section_column(table: pd.DataFrame, observable: str) -> str:
         observable: the name of the observable, or of its column.
 
     Raises:
-        AnalysisError: the table has no such column; the message names the near miss.
+        ColumnError: the table has no such column; the message names the near miss.
     """
     for name in (f"{observable}_n", observable):
         if name in table.columns:
             return name
-    raise AnalysisError(_not_there(table, observable))
+    raise ColumnError(_not_there(table, observable))
 
 
 def require(table: pd.DataFrame, *names: str) -> None:
-    """Raise AnalysisError for the first column that the table does not have."""
+    """Raise ColumnError for the first column that the table does not have."""
     for name in names:
         if name not in table.columns:
-            raise AnalysisError(_not_there(table, name))
+            raise ColumnError(_not_there(table, name))
 
 
 def require_numbers(table: pd.DataFrame, *names: str) -> None:
-    """Raise AnalysisError for the first column that the table lacks, or whose values are not numbers."""
+    """Raise ColumnError for the first column that a table lacks, AnalysisError for one without numbers."""
     require(table, *names)
     for name in names:
         if not pd.api.types.is_numeric_dtype(table[name]):
@@ -131,7 +135,7 @@ def _constants(table: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
     missing = [name for name in names if name not in table]
     for name in missing:
         if name not in constants:
-            raise AnalysisError(_not_there(table, name, constants))
+            raise ColumnError(_not_there(table, name, constants))
         if isinstance(constants[name], str):
             formula = f'{name} is the formula "{constants[name]}" in the job of a table'
             raise AnalysisError(f"{formula}, and no number: name one of its parameters.")
@@ -178,7 +182,7 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
     """
     require(table, label)
     if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
-        return pd.Series(np.asarray(table["outcome"], object), index=table.index)
+        return pd.Series(table["outcome"]).astype(object).fillna(Outcome.NO_GAIT.value)
     names = table[label].astype(object).map(str, na_action="ignore")
     status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)
     return pd.Series(outcomes(pd.Categorical(names), status), index=table.index).astype(object)

@@ -19,7 +19,6 @@ from gaitsweep.fitting.sensitivity import Sensitivity, run_sensitivity
 from gaitsweep.fitting.sensitivity_job import load_sensitivity, read_sensitivity
 from gaitsweep.kinds import Settle
 from gaitsweep.runs.progress import Progress, progress_lines
-from gaitsweep.schema.strict_model import plain
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -236,7 +235,7 @@ class _Fit(Generic[FitT]):
         assert not isinstance(model, Path)  # a job
         run = Settle() if job_fields["run"] is None else job_fields["run"]
         fields = fields_without_axes(model, values, self.ranges, **{**job_fields, "run": run})
-        section = plain({name: value for name, value in own_fields.items() if value is not None})
+        section = {name: value for name, value in own_fields.items() if value is not None}
         job = self.read({**fields, self.section: section}, Path.cwd())
         if out is not None:
             refuse_of_session(fields["model"])

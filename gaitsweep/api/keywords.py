@@ -143,8 +143,6 @@ def fields_without_axes(
         ArgumentError: as `fields_of`, or an axis.
     """
     job_fields = fields_of(model, values, **fields)
-    if isinstance(job_fields["run"], BaseModel):  # read with the rest, as from a file
-        job_fields["run"] = job_fields["run"].model_dump(by_alias=True, exclude_none=True)
     axes = job_fields.pop("vary")
     if axes:
         raise ArgumentError(f"{next(iter(axes))} is an axis, but takes a number: give ranges as {ranges}=.")

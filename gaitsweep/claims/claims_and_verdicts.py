@@ -28,6 +28,7 @@ from gaitsweep.shipped import job_folders
 
 _Numbers = Annotated[list[float], Field(min_length=1)]
 _Words = Annotated[list[str], Field(min_length=1)]
+_ROUNDING = 1e-12  # by which a value on a bound may be beyond it, as a share of the largest of them
 
 
 class PaperJob(StrictModel):
@@ -287,8 +288,9 @@ def _wrong_rule(claim: Claim) -> str | None:
         low, high = claim.interval
         if not low <= high:
             return f"allows values from {low:g} to {high:g}, which no number can be: exchange the two."
-        if claim.tolerance is not None:
-            return "has a tolerance beside between, above or below: remove one of the two rules."
+        for rule, written in (("a tolerance", claim.tolerance), ("equals", claim.equals)):
+            if written is not None:
+                return f"has {rule} beside between, above or below: remove one of the two rules."
     if claim.tolerance is not None and not numeric:
         return "has a tolerance, but its paper is not a number: use between, above or below instead."
     if numeric and claim.tolerance is None and claim.interval is None:
@@ -329,7 +331,7 @@ class ClaimVerdict(enum.StrEnum):
     not_run = (
         "not run",
         "not run",
-        "no verdict: --quick leaves it out, its job did not run, or its table lacks a column",
+        "no verdict: --quick leaves it out, its job did not run, or its measure does not fit its table",
     )
 
 
@@ -352,24 +354,23 @@ def verdict(claim: Claim, ours: Value) -> ClaimVerdict:
 def agrees(claim: Claim, ours: Value) -> bool:
     """Return whether a value is within a claim's tolerance or bounds, or equals its text.
 
-    It is not if it is NaN, or an empty list.
+    A number that is not finite and an empty list do not agree; a value on a bound does, rounding included.
 
     Args:
         claim, ours: as for `verdict`.
     """
-    tolerance = claim.tolerance
     values = list(ours) if _is_list(ours) else [ours]
-    if tolerance is None and claim.interval is not None:
-        low, high = claim.interval
-        return bool(values) and all(_is_finite(value) and low <= value <= high for value in values)
-    expected: Any = claim.paper if claim.equals is None or tolerance is not None else claim.equals
+    if claim.interval is not None:
+        return bool(values) and all(_is_within(value, *claim.interval) for value in values)
+    expected: Any = claim.paper if claim.equals is None else claim.equals
     if _is_list(expected) != _is_list(ours):
         return False
     targets = list(expected) if _is_list(ours) else [expected]
+    tolerance = claim.tolerance
     if tolerance is None or len(targets) != len(values):
         return targets == values
     pairs = zip(targets, values, strict=True)
-    return all(_is_finite(value) and abs(target - value) <= tolerance for target, value in pairs)
+    return all(_is_within(value, target - tolerance, target + tolerance) for target, value in pairs)
 
 
 def _is_list(value: Value) -> TypeGuard[Sequence[Any]]:
@@ -377,6 +378,9 @@ def _is_list(value: Value) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _is_finite(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number."""
-    return isinstance(value, (int, float)) and math.isfinite(value)
+def _is_within(value: object, low: float, high: float) -> bool:
+    """Return whether a value is a finite number from `low` to `high`, up to rounding."""
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return False
+    rounding = _ROUNDING * max(abs(number) for number in (value, low, high) if math.isfinite(number))
+    return low - rounding <= value <= high + rounding

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator
 
 from gaitsweep import models
-from gaitsweep.analysis.records import AnalysisError
+from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.contract import Quantity
+from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import fulfilled, read_condition, resolve
 from gaitsweep.near_miss import suggestion
 
@@ -117,11 +118,13 @@ def value(
         table: a result table.
         column: the column.
         where: a condition that selects records; all by default.
-        take: the number that is taken of the column.
+        take: the statistic; `count` is the number of records with a value.
 
     Raises:
-        MeasureError: no record fulfils `where`, the table has no such column, its values are not numbers, or
-            `take` is not allowed.
+        MeasureError: no record fulfils `where`, the values of the column are not numbers, or `take` is not
+            allowed.
+        ColumnError: the table has no such column.
+        ExpressionError: the condition cannot be evaluated over the table's columns.
     """
     values = _column(records(table, where, may_be_empty=take == "count"), column)
     if take not in _REDUCTIONS:
@@ -143,7 +146,7 @@ def texts(table: pd.DataFrame, *, column: str, where: Condition | None = None) -
         where: a condition that selects records; all by default.
 
     Raises:
-        MeasureError: no record fulfils `where`, or the table has no such column.
+        MeasureError, ColumnError, ExpressionError: as for `value`.
     """
     return [str(text) for text in _column(records(table, where), column).dropna().unique()]
 
@@ -158,7 +161,7 @@ def ratio_of_medians(table: pd.DataFrame, *, column: str, where: Condition, to: 
         where, to: the conditions.
 
     Raises:
-        MeasureError: as for `value`.
+        MeasureError, ColumnError, ExpressionError: as for `value`.
     """
     return value(table, column=column, where=where) / value(table, column=column, where=to)
 
@@ -172,12 +175,13 @@ def default_values(*, model: str, names: Sequence[str]) -> list[float]:
         names: the parameters.
 
     Raises:
-        MeasureError: the model has no such parameter.
+        ArgumentError: the model has no such parameter.
+        ModelError: there is no such model.
     """
     values = defaults(models.find(model)().parameters)
     for name in names:
         if name not in values:
-            raise MeasureError(f"{name} is not a parameter of {model}{suggestion(name, values)}")
+            raise ArgumentError(f"{name} is not a parameter of {model}{suggestion(name, values)}")
     return [values[name] for name in names]
 
 
@@ -217,9 +221,8 @@ def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
 
 
 def _column(table: pd.DataFrame, name: str) -> pd.Series:
-    """A column of a table; refuses names that it does not have."""
-    if name not in table.columns:
-        raise MeasureError(f"{name} is not a column of the table{suggestion(name, map(str, table.columns))}")
+    """A column of a table; raises ColumnError for a name that it does not have."""
+    require(table, name)
     return pd.Series(table[name])
 
 
@@ -232,7 +235,7 @@ def numbers(table: pd.DataFrame, column: str) -> Float[np.ndarray, " rows"]:
     """A column as floats, (n,), in its unit.
 
     Raises:
-        MeasureError: the table has no such column.
+        ColumnError: the table has no such column.
     """
     return np.asarray(_column(table, column), float)
 
@@ -265,4 +268,4 @@ def one_row(table: pd.DataFrame, row: int) -> pd.DataFrame:
     part = masked(table, table["row"] == row)
     if part.empty:
         raise MeasureError(f"The table has no row {row}.")
-    return part.sort_values(by="t") if "t" in part.columns else part
+    return part.sort_values(by="t", kind="stable") if "t" in part.columns else part

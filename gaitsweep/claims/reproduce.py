@@ -15,10 +15,11 @@ from typing import BinaryIO, NamedTuple
 import pandas as pd
 import yaml
 
+from gaitsweep.analysis.records import ColumnError
 from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, Paper, PaperJob, verdict
 from gaitsweep.claims.measures import MEASURES, Value, plain_value
 from gaitsweep.claims.page import page
-from gaitsweep.errors import UserError
+from gaitsweep.errors import ArgumentError, ModelError, UserError
 from gaitsweep.expression import ExpressionError
 from gaitsweep.job import load_job
 from gaitsweep.runs.execute import RESULTS, run_job
@@ -202,7 +203,7 @@ class _PaperRun:
             path = self.runs[name].path
             assert path is not None
             self._tables[name] = load(path)
-        return self._tables[name]
+        return self._tables[name].copy(deep=False)  # which a measure may change
 
     def _judge(self, claim: Claim | None) -> _Judgement:
         """Measure a claim, and compare its value with the paper's."""
@@ -216,9 +217,9 @@ class _PaperRun:
                 return _Judgement(None, ClaimVerdict.not_run, reason)
         try:
             ours = plain_value(MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_))
-        except ExpressionError as error:  # the question is wrong, not the answer
-            reason = f"a condition cannot be evaluated: {error.sentence}"
-            return _Judgement(None, ClaimVerdict.not_run, reason)
+        except (ArgumentError, ColumnError, ExpressionError, ModelError) as error:
+            # the question is wrong, not the answer
+            return _Judgement(None, ClaimVerdict.not_run, f"it cannot be measured: {error.sentence}")
         except (UserError, ArithmeticError, LookupError, TypeError, ValueError) as error:
             # the tables exist but lack the value: rows that fell have no cycles for a mean
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced

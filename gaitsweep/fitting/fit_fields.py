@@ -115,8 +115,6 @@ def read_measure(
 
 def _read_run(measure: type[Measure], value: Any, path: FieldPath, wrong: list[Diagnostic]) -> RunKind | None:
     """Read the run of a measure of this kind; errors are added to `wrong`."""
-    if isinstance(value, measure.runs):
-        return value
     kinds = {kind_of(run): run for run in measure.runs}
     if not isinstance(value, Mapping):
         text = f"is {quoted(value)}, but takes fields, kind among them: {' or '.join(kinds)}."

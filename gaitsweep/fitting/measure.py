@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Shaped
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
-from gaitsweep.contract import Model, names_gait
+from gaitsweep.contract import Model, Quantity, names_gait
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_used
 from gaitsweep.kinds import FixedTime, Settle
 from gaitsweep.kinds.run_kind import RunKind
@@ -136,8 +136,16 @@ def error_of_gaits(field: str, gaits: Iterable[str], model: Model) -> FieldError
     return None
 
 
-def error_of_column(formula: str, columns: Sequence[str]) -> FieldError:
-    """Check a numeric column or a formula of such columns; return as `Measure.field_error` does."""
+def error_of_column(formula: str, columns: Sequence[str], ordered: Model | None = None) -> FieldError:
+    """Check a numeric column or a formula of such columns; return as `Measure.field_error` does.
+
+    Args:
+        formula: the column or formula.
+        columns: the columns of the table.
+        ordered: the model, for a measure that compares values, so that angles of the model are refused.
+    """
+    if ordered is not None and _is_angle(formula, ordered):
+        return "of", f"is {formula}, an angle, and angles on the circle have no order and no middle."
     numeric_columns = _numeric_columns(columns)
     if formula in numeric_columns:
         return None
@@ -230,15 +238,15 @@ class Measure(StrictModel):
 
     def circular(self, model: Model) -> bool:
         """Return whether its value is an angle."""
-        if self.angle_field is None:
-            return False
-        column_name = getattr(self, self.angle_field)
-        angles = (quantity.name for quantity in model.observables if quantity.circular)
-        return any(column_name in (name, f"{name}_end") for name in angles)
+        return self.angle_field is not None and _is_angle(getattr(self, self.angle_field), model)
 
     def unit(self, model: Model) -> str:
-        """Return the unit of its value."""
-        return "1" if self.unit_field is None else unit_of(getattr(self, self.unit_field), model)
+        """Return the unit of its value; "" for a formula."""
+        if self.unit_field is None:
+            return "1"
+        name = getattr(self, self.unit_field)
+        units = {"t": "s", "t_end": "s"} | {key: q.unit for key, q in _quantities(model).items()}
+        return units.get(name, "1" if name.isidentifier() else "")
 
     @property
     @abc.abstractmethod
@@ -312,10 +320,13 @@ def _end(name: str, columns: Iterable[str]) -> str:
     return name_at_end if name_at_end in columns else name
 
 
-def unit_of(formula: str, model: Model) -> str:
-    """Return the unit of a column, a parameter or a start; "" for a formula."""
-    known = (*model.parameters, *model.initial_conditions, *model.label_fields)
-    units = {"t": "s", "t_end": "s"} | {quantity.name: quantity.unit for quantity in known}
-    for quantity in model.observables:
-        units[quantity.name] = units[f"{quantity.name}_end"] = quantity.unit
-    return units.get(formula, "1" if formula.isidentifier() else "")
+def _is_angle(name: str, model: Model) -> bool:
+    """Return whether a column is an angle of the model."""
+    quantity = _quantities(model).get(name)
+    return quantity is not None and quantity.circular
+
+
+def _quantities(model: Model) -> dict[str, Quantity]:
+    """Return the quantities of columns, parameters and starts by name; observables come first."""
+    known = {q.name: q for q in (*model.parameters, *model.initial_conditions, *model.label_fields)}
+    return known | {name: q for q in model.observables for name in (q.name, f"{q.name}_end")}

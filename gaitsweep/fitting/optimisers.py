@@ -99,8 +99,10 @@ class Sobol:
         self.dimension = dimension
         self._sequence = qmc.Sobol(dimension, rng=np.random.default_rng(seed))
         self._drawn = np.zeros((0, dimension)) if known is None else known
+        self.known_left = len(self._drawn)  # known points that have not been asked for
 
     def ask(self, n: int) -> PointArray:
+        self.known_left = max(self.known_left - n, 0)
         while len(self._drawn) < n:
             self._drawn = np.concatenate([self._drawn, self._sequence.random(_DRAWN_AT_ONCE)])
         points = self._drawn[:n]
@@ -277,9 +279,9 @@ class Front:
         if self._algorithm is None:
             self._algorithm = self._set_up(n)
             offspring = self._algorithm.infill()
-        elif self._algorithm.is_initialized:
+        elif self._algorithm.is_initialized and not self._sobol.known_left:
             offspring = self._algorithm.infill()
-        else:  # before the first scores there are no parents
+        else:  # known points come first, and before the first scores there are no parents
             offspring = Population()
         if len(offspring) < n:  # duplicates are left out
             sobol_points = Population.new("X", self._sobol.ask(n - len(offspring)))

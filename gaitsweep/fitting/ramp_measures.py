@@ -152,11 +152,7 @@ class Transition(RampMeasure):
         in_both = [gait for gait in self.to if gait in self.gait]
         if in_both:
             return "to", f"has {in_both[0]}, which is in gait too."
-        if self.of_ is None:
-            return None
-        if self.of_ in [quantity.name for quantity in model.observables if quantity.circular]:
-            return "of", f"is {self.of_}, an angle, which has no middle between two crossings."
-        return error_of_column(self.of_, _own_names(columns, model))
+        return None if self.of_ is None else error_of_column(self.of_, _own_names(columns, model), model)
 
 
 class GaitSequence(RampMeasure):

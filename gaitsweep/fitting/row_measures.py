@@ -179,7 +179,7 @@ class Order(RowMeasure):
         repeated = [gait for gait in gaits if gaits.count(gait) > 1]
         if repeated:
             return "gaits", f"has {repeated[0]} twice."
-        return error_of_column(self.of_, columns)
+        return error_of_column(self.of_, columns, model)
 
 
 class Prominence(RowMeasure):
@@ -215,7 +215,7 @@ class Prominence(RowMeasure):
             return error
         if len(self.at[self.along]) < 3:
             return "at", f"has fewer than three values of {self.along}, which a prominence takes."
-        return error_of_column(self.of_, columns)
+        return error_of_column(self.of_, columns, model)
 
 
 class Failures(RowMeasure):

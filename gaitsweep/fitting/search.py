@@ -189,7 +189,7 @@ def run_search(
         versions=versions,
     )
     layout = Layout(job_hash, job.options.budget, together)
-    with open_directory(path, job.resolved(), layout, context, on_message) as directory:
+    with open_directory(path, job.written, layout, context, on_message) as directory:
         describe(context, directory, _quantities(job, context.model), versions)
         if cluster is not None:
             population.run_elsewhere = ClusterRows(path, cluster)

@@ -185,9 +185,10 @@ def read_fit_job(
     spec = None
     if "model" in fields:
         spec, _ = read_model_spec(fields["model"], fields.get("structure"), fields.get("params"), [folder])
-    if spec is None:
+    constants = [fields.get(key) or {} for key in ("params", "start")]
+    if spec is None or not all(isinstance(values, Mapping) for values in constants):
         refuse(wrong)
-        Job.model_validate(written, context={"folder": folder})  # raises the errors of the model
+        Job.model_validate(written, context={"folder": folder})  # raises the errors of these fields
         raise JobError([Diagnostic(("model",), "is missing.")])
     fit = FitJob(field, written, folder, free, measures, spec, fields)
     refuse([*wrong, *_check_run(fit), *check_constants(fit), *check_measures(fit)])

@@ -126,7 +126,7 @@ class Search:
 
 @dataclasses.dataclass(frozen=True)
 class SearchJob(Search):
-    """Search of a job file: `fit` has the job, `written` its fields.
+    """Search of a job file: `fit` has the job, `written` its fields, which the result directory stores.
 
     `known` are the sets that are measured first, values of each constant by name;
     `changing` those of the job's constants that differ between a set and its neighbours.
@@ -180,10 +180,6 @@ class SearchJob(Search):
         if self.options.side_by_side is not None:
             return self.options.side_by_side
         return 1 if context.spec.devices[0].platform == "cpu" else _SIDE_BY_SIDE
-
-    def resolved(self) -> dict[str, Any]:
-        """Return the search as plain values, which the result directory stores."""
-        return self.written
 
     def hash(
         self, *, device: str, engine: str, population: int, side_by_side: int, versions: Mapping[str, str]

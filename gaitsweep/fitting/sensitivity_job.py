@@ -33,7 +33,7 @@ from gaitsweep.job import Job
 from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
 from gaitsweep.schema.numbers import Count, Seed, Word
-from gaitsweep.schema.strict_model import StrictModel
+from gaitsweep.schema.strict_model import StrictModel, plain
 
 # The output that is 1 for sets that fail.
 FAILURES = "failures"
@@ -148,6 +148,7 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
         JobError: all errors.
         ArgumentError: the package of the method is not installed.
     """
+    data = plain(data)
     wrong: list[Diagnostic] = []
     written = data.get("sensitivity")
     if not isinstance(written, Mapping):

@@ -215,7 +215,9 @@ def _union(models: tuple[type[StrictModel], ...]) -> TypeAdapter[Any]:
 
 
 def plain(value: Any) -> Any:
-    """Replace arrays, series and NumPy numbers by lists and Python numbers, also inside mappings."""
+    """Replace arrays, NumPy numbers and models by lists, numbers and mappings, also inside mappings."""
+    if isinstance(value, BaseModel):
+        return plain(value.model_dump(by_alias=True, exclude_none=True))
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):
@@ -267,7 +269,12 @@ def read_model(
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        wrong.extend(from_pydantic(error, {words: SchemaSection(words, model)}, words, path))
+        sections = {words: SchemaSection(words, model)}
+        for name, field in model.model_fields.items():
+            for part in (field.annotation, *get_args(field.annotation)):
+                if isinstance(part, type) and issubclass(part, StrictModel):
+                    sections[name] = SchemaSection(name, part)
+        wrong.extend(from_pydantic(error, sections, words, path))
         return None
 
 
@@ -289,7 +296,8 @@ def _from_details(
         place = _place_of(str(path[-1]), section, sections)
         return unknown_field(path, section.words, section.fields, place)
     if error == "missing":
-        return Diagnostic(path, f"is missing: {section.fields[str(path[-1])].description}.")
+        field = section.fields.get(str(path[-1]))  # None: an item of a list
+        return Diagnostic(path, "is missing." if field is None else f"is missing: {field.description}.")
     of_union = error == "model_attributes_type" and (loc == ("run",) or loc[:1] == ("figures",))
     if of_union or error in ("union_tag_invalid", "union_tag_not_found"):
         return _about_kind(path, value, sections)

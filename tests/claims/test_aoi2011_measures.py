@@ -12,6 +12,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.claims.measures import default_values, ratio_of_medians
+from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.aoi2011 import (
     equation_measures,
     motion_measures,
@@ -280,7 +281,7 @@ def test_constants() -> None:
     np.testing.assert_allclose(
         equation_measures.nominal_gait(beta=0.75), [0.75, 15.70796, 0.0746667, 0.1866667], rtol=1e-5
     )
-    with pytest.raises(AnalysisError, match="masse is not a parameter"):
+    with pytest.raises(ArgumentError, match="masse is not a parameter"):
         default_values(model="waist_quadruped", names=["masse"])
 
 

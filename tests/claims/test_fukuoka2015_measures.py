@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, read_paper, verdict
+from gaitsweep.claims.claims_and_verdicts import ClaimVerdict, _wrong_arguments, read_paper, verdict
 from gaitsweep.claims.measures import MeasureError, default_values
+from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.fukuoka2015 import gait_measures, ramp_measures
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS
 from tests.support.gait_traces import ideal_phases
@@ -131,6 +134,9 @@ def test_pitch_cycles_and_stance() -> None:
     assert gait_measures.pitch_cycles(both, where="row == 0") == 1.0
     assert gait_measures.pitch_cycles(both, where="row == 1") == 2.0
     assert gait_measures.stance_ratio(both, where="row == 0", to="row == 1") == pytest.approx(2.0, rel=0.05)
+    for without in (both.assign(pitch=np.nan), both.loc[both["t"] < 0.1]):
+        with pytest.raises(MeasureError, match="No row has one of the nine gaits"):
+            gait_measures.pitch_cycles(without)
 
 
 def test_loads_of_pairs() -> None:
@@ -146,9 +152,9 @@ def test_loads_of_pairs() -> None:
     assert gait_measures.late_tilt(table, gait="L-walk") == pytest.approx(
         [tilt_of_pair / 0.02 for tilt_of_pair in tilt], rel=0.01
     )
-    with pytest.raises(MeasureError, match="weight is not a column of the table"):
+    with pytest.raises(AnalysisError, match="weight is not a column of this table"):
         gait_measures.pair_measure(table, gait="L-walk", pair=1, quantity="weight")
-    with pytest.raises(MeasureError, match="no measure weight"):
+    with pytest.raises(ArgumentError, match="no measure weight"):
         gait_measures.rule_agreement(table, quantity="weight")
 
 
@@ -175,8 +181,25 @@ def test_values_of_the_model() -> None:
     assert gait_measures.diagonal_links() == 0.0
     assert gait_measures.load_feedback(F=20.0, k2=0.08) == [0.0, 1.0]
     assert gait_measures.motor_targets() == [0.0] * 4
-    with pytest.raises(MeasureError, match="torso_mass"):
+    with pytest.raises(ArgumentError, match="torso_mass"):
         default_values(model="planar_quadruped", names=["torso_mas"])
+
+
+@pytest.mark.parametrize(
+    ("measure", "fields", "sentence"),
+    [
+        ("gait_share", {"gaits": ["trott"]}, "did you mean trot"),
+        ("chart_order", {"gait": "L-wak"}, "did you mean L-walk"),
+        ("flight_between", {"gait": "trot", "legs": ["LF", "FR"]}, "legs: a list"),
+        ("flight_between", {"gait": "trot", "legs": ["LF", "RF"]}, None),
+    ],
+)
+def test_names_in_claims_are_those_of_gaits_and_legs(
+    measure: str, fields: dict[str, Any], sentence: str | None
+) -> None:
+    claim = next(claim for claim in read_paper("fukuoka2015").claims if claim.measure == measure)
+    refusal = _wrong_arguments(claim.model_copy(update={"with_": fields}))
+    assert refusal is None if sentence is None else sentence in str(refusal)
 
 
 def test_verdicts_of_the_claims() -> None:

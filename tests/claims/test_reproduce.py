@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.reliability.faults import FAULTS, ROOT
+from gaitsweep.analysis.records import ColumnError
 from gaitsweep.claims.claims_and_verdicts import known_papers, read_paper
 from gaitsweep.claims.measures import MEASURES, MeasureError, difference_of_shares, share, texts, value
 from gaitsweep.claims.reproduce import reproduce
@@ -65,7 +66,7 @@ def test_every_claim_has_a_verdict(
     assert result["verdict"].to_dict() == {
         "all_settle": "reproduced",
         "far_off": "not",
-        "not_there": "not",
+        "not_there": "not run",
         "of_lost": "not run",
         "long": "not run",
     }
@@ -75,10 +76,10 @@ def test_every_claim_has_a_verdict(
         "multilegged_reduced",
         "defaults",
     ]
-    assert "nothing is not a column of the table" in result.loc["not_there", "why"]
+    assert "nothing is not a column of this table" in result.loc["not_there", "why"]
     assert result.loc["all_settle", "command"].startswith("gaitsweep run ")
     message = capsys.readouterr().out
-    assert "1 of 5 claims reproduced, 2 not reproduced, 2 not run." in message
+    assert "1 of 5 claims reproduced, 1 not reproduced, 3 not run." in message
     assert "far_off (not reproduced): 1; paper: 0\n" in message
     page = (out / "index.html").read_text()
     assert page.count("<article") == 5
@@ -150,6 +151,8 @@ def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, 
             "claims[1] has a tolerance beside",
         ),
         ("paper: 0, tolerance: 0.1", "paper: 0, tolerance: 0.1, equals: a", "claims[1] has equals"),
+        ("paper: 0, tolerance: 0.1", "paper: none, above: 0, equals: a", "claims[1] has equals beside"),
+        ("paper: 0, tolerance: 0.1", "paper: 0, between: [1]", "claims[1].between[1] is missing"),
         (
             "paper: 0, tolerance: 0.1",
             "paper: 0, tolerance: 0.1, quick: {between: [2, 1]}",
@@ -234,7 +237,6 @@ def test_general_measures() -> None:
     assert texts(table, column="gait") == ["walk", "trot"]
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
-        lambda: value(table, column="speeds"),
         lambda: value(table, column="gait"),
         lambda: value(table.astype({"gait": "category"}), column="gait", take="max"),
         lambda: value(table, column="speed", take="mode"),  # pyright: ignore[reportArgumentType]
@@ -242,5 +244,7 @@ def test_general_measures() -> None:
     ):
         with pytest.raises(MeasureError):
             wrong()
+    with pytest.raises(ColumnError, match="did you mean speed"):
+        value(table, column="speeds")
     with pytest.raises(ExpressionError, match="did you mean gait"):
         share(table, where="gaits == 'walk'")

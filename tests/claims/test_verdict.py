@@ -25,6 +25,10 @@ def claim(**fields: Any) -> Claim:
         ({"paper": 0.43, "tolerance": 0.01}, 0.4401, NOT),
         ({"paper": 0.43, "tolerance": 0.01}, math.nan, NOT),
         ({"paper": 0.43, "tolerance": 0.01}, "0.43", NOT),
+        ({"paper": 0.35, "tolerance": 0.01}, 0.36, REPRODUCED),  # on the bound, but for rounding
+        ({"paper": "below 0.3", "below": 0.3}, 0.1 + 0.2, REPRODUCED),
+        ({"paper": 0.1, "tolerance": 0.1}, -1e-17, REPRODUCED),
+        ({"paper": "above 0", "above": 0}, -1e-17, NOT),
         ({"paper": 3, "tolerance": 0}, 3, REPRODUCED),
         ({"paper": [1, 2], "tolerance": 0.1}, [1.05, 1.95], REPRODUCED),
         ({"paper": [1, 2], "tolerance": 0.1}, [1.05, 1.85], NOT),

@@ -186,6 +186,8 @@ def test_the_theory_needs_no_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "motions of the chain        direct, source, retrograde\n" in printed
     assert main(["analyse", "multilegged-theory", "--set", "m_1=5"]) == 0  # far above m_B < m
     assert "motions of the chain        none\n" in capsys.readouterr().out
+    assert main(["analyse", "multilegged-theory", "--set", "m_B=0.5"]) == 0  # at m_B = m/2
+    assert "nan" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 import toy_model
+from gaitsweep.contract import Quantity
 from gaitsweep.errors import JobError
 from gaitsweep.fitting.fit_fields import MEASURES
 from gaitsweep.fitting.measure import RowMeasure
@@ -17,6 +18,14 @@ from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
 
 TOY = toy_model.Toy()
+
+
+class Turning(toy_model.Toy):
+    """The toy with an angle among its labels."""
+
+    @property
+    def label_fields(self) -> tuple[Quantity, ...]:
+        return (Quantity("turn", "rad", "an angle", circular=True),)
 
 
 def measure(kind: str, **fields: Any) -> RowMeasure:
@@ -35,6 +44,15 @@ def test_a_formula_takes_the_values_at_the_end() -> None:
     seen = rows(apex=[[9.0] * 4], apex_end=[[1.0, 2.0, 3.0, 6.0]], period=[[2.0] * 4])
     result = measure("value", of="sqrt(apex*apex)/period").of_sets(seen, TOY)
     assert result.values == pytest.approx([1.5])
+
+
+def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
+    seen = rows(turn=[[3.1, -3.1, 3.1, -3.1]])
+    result = measure("value", of="turn").of_sets(seen, Turning())
+    assert abs(result.values[0]) == pytest.approx(np.pi)
+    for kind, fields in (("order", {"gaits": ["hop", "rest"]}), ("prominence", {"along": "mass"})):
+        refusal = measure(kind, of="turn", **fields).field_error(["turn"], Turning())
+        assert "is turn, an angle" in str(refusal)
 
 
 def test_a_formula_that_is_not_finite_is_missing() -> None:

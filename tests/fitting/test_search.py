@@ -132,6 +132,16 @@ def test_keywords_are_the_fields_of_a_job(tmp_path: Path) -> None:
     assert_frame_equal(short, stored.table.iloc[:16])
 
 
+def test_a_job_may_have_runs_and_numbers_of_numpy() -> None:
+    fields = job(free={"kick": (np.float64(0.1), np.float32(3.0))})
+    fields["run"] = gs.Settle(max_cycles=60, tolerance=1e-9)
+    fields["search"]["targets"]["speed"]["run"] = gs.FixedTime(duration=6.0)
+    written = read_search(fields, Path()).written
+    assert written == yaml.safe_load(yaml.safe_dump(written))
+    assert written["run"]["kind"] == "settle"
+    assert written["search"]["targets"]["speed"]["run"]["kind"] == "fixed_time"
+
+
 def test_measures_may_have_a_run_of_their_own(tmp_path: Path) -> None:
     """Early launches are those of the toy's geometric series; late ones have come to rest."""
     short = {"run": {"kind": "fixed_time", "duration": 6.0}, "at": {"mass": 1, "launch_1": 1.0}, "error": 1}
@@ -386,6 +396,8 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
             {"robust": ROBUST | {"constants": ["masss"]}},
             "is masss, which is not a parameter",
         ),
+        ({"robust": {}}, "search.robust.within is missing: largest change"),
+        ({"robust": ROBUST | {"set": 3}}, "search.robust.set is not a field of robust; did you mean sets?"),
         ({"robust": ROBUST, "first": ["robust"]}, "search.first[0] is robust, which is not a target"),
         ({"method": "annealing"}, "search.method"),
         ({"budgett": 5}, "search.budgett is not a field of search; did you mean budget?"),
@@ -396,6 +408,13 @@ def test_wrong_searches_are_refused(change: dict[str, Any], sentence: str, tmp_p
         searched(job(**change), tmp_path / "out")
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("values", [5, "x", [[1]]])
+@pytest.mark.parametrize("field", ["params", "start"])
+def test_constants_that_are_no_mapping_are_refused(field: str, values: Any) -> None:
+    with pytest.raises(JobError, match=f"{field} is .*, but must be a mapping"):
+        read_search({**TOY, field: values}, Path())
 
 
 def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
@@ -707,6 +726,18 @@ def test_optimisers_stay_in_their_ranges_and_repeat(method: Method) -> None:
     assert ((first >= 0.0) & (first <= 1.0)).all()
     assert np.array_equal(first, points(1))
     assert not np.array_equal(first, points(2))
+
+
+@pytest.mark.parametrize("method", get_args(Method))
+def test_known_points_come_first_even_if_a_batch_has_fewer(method: Method) -> None:
+    known = np.random.default_rng(1).random((6, 2))
+    made = optimiser(method, dimension=2, targets=2, start=0, together=4, seed=0, known_points=known)
+    asked = []
+    for _ in range(3):
+        shares = made.ask(4)
+        made.tell(shares.sum(axis=1), shares)
+        asked.append(shares)
+    assert np.array_equal(np.concatenate(asked)[:6], known)
 
 
 def test_small_and_large_strategies_have_equal_budgets(monkeypatch: pytest.MonkeyPatch) -> None:

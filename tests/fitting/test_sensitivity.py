@@ -165,6 +165,17 @@ def test_a_mapping_of_fields_is_a_job(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(mapping, alone, check_exact=True)
 
 
+def test_a_mapping_may_have_arrays_and_runs() -> None:
+    fields = yaml.safe_load(JOB)
+    own = read_sensitivity(fields, Path())
+    fields["run"] = gs.FixedTime(duration=1.5)
+    fields["sensitivity"]["parameters"] = {f"x_{i}": np.array([-np.pi, np.pi]) for i in (1, 2, 3)}
+    fields["sensitivity"]["outputs"]["straight"]["at"]["y_0"] = np.linspace(-1.0, 1.0, 2)
+    other = read_sensitivity(fields, Path())
+    assert other.hash("", 32) == own.hash("", 32)
+    assert other.written == yaml.safe_load(yaml.safe_dump(other.written))
+
+
 def test_sets_do_not_depend_on_their_part(tmp_path: Path) -> None:
     file = written(tmp_path, JOB, "job.yaml")
     tables = []

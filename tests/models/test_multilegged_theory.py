@@ -275,6 +275,26 @@ def test_sets_jump_by_the_resets_phase_where_the_order_changes(N: int) -> None:
                 assert jump.leg in {order[1] for order in near} | {order[-1] for order in near}
 
 
+def test_results_of_uniform_chains_refuse_ends_that_differ() -> None:
+    """The threshold of eq. (18) would count leg 1 as early, which touches down after leg 2."""
+    branch, other = Branch("B", 8), Chain(kappa_1=70.0, kappa_end=130.0)
+    rule = rule_of(9, branch, other)
+    s = float(rule.low + 0.24 * (rule.high - rule.low))
+    assert [leg for leg, each in enumerate(reset_sets(9, branch, s, other), 1) if each.is_first] == [2, 8]
+    for refused in (order_sets, touchdown_residuals):
+        with pytest.raises(ArgumentError, match="kappa_1 is 70 and kappa 100"):
+            refused(9, branch, s, other)
+        refused(9, branch, s, Chain(kappa_1=100.0, a_end=0.4))
+
+
+def test_a_chain_at_the_limit_of_existence_has_numbers() -> None:
+    """At m_B = m/2 no neighbour is in takeoff, and set A is empty."""
+    lengths = [float(line_length(3, Chain(m_1=m, m_end=m))) for m in (0.5, 0.5 + 1e-9)]
+    assert lengths[0] == pytest.approx(lengths[1], abs=1e-6)
+    direct = solution_set(3, Branch("A", 3), Chain(m_1=0.5, m_end=0.5), samples=2)
+    assert np.isfinite(direct).all()
+
+
 def test_early_legs_are_those_that_jumped() -> None:
     """T_1 of (9, B, k = 5): empty, then leg 1, then leg 2; psi_2 is longer while leg 2 is in it."""
     first, second = jumps(9, Branch("B", 5))

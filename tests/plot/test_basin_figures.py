@@ -141,3 +141,18 @@ def test_figures_of_a_job(tmp_path: Path) -> None:
         gs.Job(**fields, figures=[attractor])
     every_row = {**fields, "run": {"kind": "settle", "max_cycles": 60}}
     gs.Job(**every_row, figures=[attractor])
+
+
+def test_missing_values_of_a_hue_or_of_panels_are_drawn() -> None:
+    one = table().query("p == 2.0")
+    axes = {"x": "psi_1", "y": "psi_2"}
+    first = one["row"] == one["row"].min()
+    some_fell = one.assign(status=np.where(first, "fell", "settled"), right=one["psi_1"] > 3.0)
+    figure = draw("basin", some_fell, **axes, hue="right")
+    rendered(figure)
+    assert [text.split()[0] for text in legend_texts(figure)] == ["failed"]  # the others are on a scale
+    rendered(draw("recovery", one.assign(recovery=pd.Series("recovered", one.index).where(first)), **axes))
+    without = one.assign(outcome=pd.Series("walk", one.index).where(first))
+    assert [text.split()[0] for text in legend_texts(draw("basin", without, **axes))] == ["walk", "none"]
+    rendered(draw("gait_map", without, **axes))
+    rendered(draw("basin_measures", table().assign(p=lambda t: t["p"].where(t["p"] > 2.0)), panels="p"))

@@ -259,7 +259,7 @@ def may_turn(model: Model) -> bool:
 
 
 def exponent_numbers(model: Model, count: int) -> tuple[RowNumber, ...]:
-    """The numbers of a row with so many exponents; those of a plain map are per application."""
+    """The numbers of a row with `count` exponents; those of a plain map are per application."""
     unit = "1" if isinstance(model, FixedStepDynamics) and model.is_return_map else "1/s"
     numbers: list[RowNumber] = []
     for i in range(1, count + 1):

@@ -61,7 +61,7 @@ class RampSchedule:
 
     def passes(self, t: Float[np.ndarray, " *times"]) -> Int[np.ndarray, " *times"]:
         """The pass (0, 1, ...) in which each time falls; the initial dwell belongs to pass 0."""
-        return np.clip(np.searchsorted(self.knots[1:-1], t, side="right"), 0, len(self.values) - 2)
+        return np.searchsorted(self.knots[1:-1], t, side="right")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -181,7 +181,6 @@ def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
         eigenvalues,
         jumps,
         linear_map,
-        order_sets,
         reset_sets,
         touchdown_order,
     )
@@ -190,8 +189,9 @@ def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
     rule = rule_of(N, branch, chain)
     # not the middle itself, where two legs of set A touch down together
     s = float(rule.low + 0.45 * (rule.high - rule.low))
-    T_1, T_2 = order_sets(N, branch, s, chain)
-    sets = [str(reset_set.number) for reset_set in reset_sets(N, branch, s, chain)]
+    sets = reset_sets(N, branch, s, chain)
+    first = [leg for leg, reset_set in enumerate(sets, 1) if reset_set.is_first]
+    T_1, T_2 = [leg for leg in first if leg < branch.k], [leg for leg in first if leg > branch.k]
     jumps_of_set = [f"leg {jump.leg} at {jump.s:.3f}" for jump in jumps(N, branch, chain)]
     # the free relative phase as the paper has it: psi_{k-1} on section k, or psi_N
     low, high = float(rule.low), float(rule.high)
@@ -202,15 +202,16 @@ def _lines_of_set(N: int, branch: Branch, chain: Chain) -> list[str]:
     return [
         f"{name}: psi_{phase} from {low:.6f} to {high:.6f} rad on section {section}",
         f"  touchdowns   {' '.join(map(str, touchdown_order(N, branch, s, chain)))}",
-        f"  S            {' '.join(sets)}; T_1 = {_listed(T_1)}, T_2 = {_listed(T_2)}",
+        f"  S            {' '.join(str(reset_set.number) for reset_set in sets)}; "
+        f"T_1 = {_listed(T_1)}, T_2 = {_listed(T_2)}",
         f"  jumps        {', '.join(jumps_of_set) or 'none'}",
         f"  eigenvalues  {_counted(eigenvalues(linear_map(N, branch, s, chain)))}",
     ]
 
 
-def _listed(legs: frozenset[int]) -> str:
-    """A set of legs as text, in their order."""
-    return "{" + ", ".join(map(str, sorted(legs))) + "}"
+def _listed(legs: Iterable[int]) -> str:
+    """A set of legs as text."""
+    return "{" + ", ".join(map(str, legs)) + "}"
 
 
 def _counted(values: Inexact[np.ndarray, " springs"]) -> str:

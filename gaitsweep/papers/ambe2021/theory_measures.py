@@ -181,8 +181,7 @@ def order_sets_agree(*, N: int = _LONG) -> float:
     """Share of solutions at which T_1, T_2 of eq. (18) are the legs of S_3, or S_1, S_7 at the ends (1)."""
     agree = []
     for branch, s in _sets(N):
-        sets = reset_sets(N, branch, s)
-        alone = {i for i, reset_set in enumerate(sets, 1) if not reset_set.front and not reset_set.rear}
+        alone = {i for i, reset_set in enumerate(reset_sets(N, branch, s), 1) if reset_set.is_first}
         first, last = {i for i in alone if i <= branch.k - 2}, {i for i in alone if i >= branch.k + 2}
         agree.append(order_sets(N, branch, s) == (first, last))
     return float(np.mean(agree))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Annotated, Literal
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from pydantic import AfterValidator
 
+from gaitsweep import ArgumentError
 from gaitsweep.analyses import TURN, mean_direction, require
 from gaitsweep.claims import (
     Condition,
@@ -29,7 +31,7 @@ from gaitsweep.near_miss import suggestion
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import body_oscillation
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import cases_of, gaits_in
 from gaitsweep.papers.fukuoka2015.analysis.loading_rule import load_prediction, loading_rule, pairs_in
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import FLEXORS, GAITS
 from gaitsweep.papers.fukuoka2015.planar_quadruped.mechanics import HIP, KNEE
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
@@ -40,6 +42,18 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     signs,
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
+
+
+def _known_gait(name: str) -> str:
+    """The name of a gait unchanged, for a claim's arguments; raises ArgumentError for another name."""
+    if name not in GAITS:
+        raise ArgumentError(f"{name} is not a gait{suggestion(name, GAITS)}")
+    return name
+
+
+# The name of a gait; a claim's is checked when its list is read.
+Gait = Annotated[str, AfterValidator(_known_gait)]
+Leg = Literal["LF", "LH", "RF", "RH"]
 
 
 @measure
@@ -87,7 +101,7 @@ def diagonal_links() -> float:
 
 @measure
 def gait_share(
-    table: pd.DataFrame, *, gaits: Sequence[str], where: Condition | None = None, begin: float = -math.inf
+    table: pd.DataFrame, *, gaits: Sequence[Gait], where: Condition | None = None, begin: float = -math.inf
 ) -> float:
     """Share of the rows with one of the gaits, by their swing onsets (1).
 
@@ -116,7 +130,7 @@ def gaits_shown(table: pd.DataFrame, *, speeds: int = 1) -> float:
 
 
 @measure
-def nearest_speed(table: pd.DataFrame, *, gait: str, speed: float, where: Condition | None = None) -> float:
+def nearest_speed(table: pd.DataFrame, *, gait: Gait, speed: float, where: Condition | None = None) -> float:
     """Speed nearest to a given one at which a row has the gait at its end (m/s).
 
     Args:
@@ -164,7 +178,7 @@ def speed_gap(
 
 
 @measure
-def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[str]) -> float:
+def parameter_sets_with(table: pd.DataFrame, *, gaits: Sequence[Gait]) -> float:
     """Number of parameter sets at which different starts come to each of the gaits (1).
 
     Args:
@@ -191,8 +205,18 @@ def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition,
 
 @measure
 def pitch_cycles(table: pd.DataFrame, *, where: Condition | None = None) -> float:
-    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1)."""
-    oscillation = body_oscillation(records(table, where))
+    """Pitch oscillations in a gait cycle, 1 or 2: the larger amplitude; median over the rows (1).
+
+    Args:
+        table: a trace.
+        where: a condition that selects rows.
+
+    Raises:
+        MeasureError: no row has one of the nine gaits and a pitch.
+    """
+    oscillation = body_oscillation(records(table, where)).dropna(subset=["once", "twice"])
+    if oscillation.empty:
+        raise MeasureError("No row has one of the nine gaits and a pitch.")
     return float(np.median(np.where(oscillation["twice"] > oscillation["once"], 2.0, 1.0)))
 
 
@@ -235,20 +259,20 @@ def records_of_gait(table: pd.DataFrame, gait: str) -> pd.DataFrame:
 
 
 @measure
-def swing_order(table: pd.DataFrame, *, gait: str) -> str:
+def swing_order(table: pd.DataFrame, *, gait: Gait) -> str:
     """Order in which the legs of a gait begin to swing, from LF; legs within the threshold joined by +."""
     phases = records_of_gait(gaits_in(table), gait)[[f"phase_{leg}" for leg in LEGS]].to_numpy(float)
     return _most_frequent([_order(dict(zip(LEGS, of_row, strict=True))) for of_row in phases.tolist()])
 
 
 @measure
-def footfall_order(table: pd.DataFrame, *, gait: str) -> str:
+def footfall_order(table: pd.DataFrame, *, gait: Gait) -> str:
     """Order in which the feet touch down in a gait, named by its swings; as `swing_order`."""
     return _most_frequent([_order(_footfalls(part)) for part in rows_of_gait(table, gait)])
 
 
 @measure
-def flight_between(table: pd.DataFrame, *, gait: str, legs: Sequence[str]) -> float:
+def flight_between(table: pd.DataFrame, *, gait: Gait, legs: Sequence[Leg]) -> float:
     """Share of the time in a gait with no foot on the ground, between the stances of two legs (1).
 
     Args:
@@ -275,7 +299,7 @@ def flight_between(table: pd.DataFrame, *, gait: str, legs: Sequence[str]) -> fl
 
 
 @measure
-def loaded_longer(table: pd.DataFrame, *, gait: str) -> list[float]:
+def loaded_longer(table: pd.DataFrame, *, gait: Gait) -> list[float]:
     """Share of the cycle by which each pair's hind foot is loaded longer than its fore foot in a gait (1)."""
     trace = pd.concat(rows_of_gait(table, gait))
     return [
@@ -296,7 +320,7 @@ def stance_ratio(table: pd.DataFrame, *, where: Condition, to: Condition) -> flo
 
 
 @measure
-def chart_order(*, gait: str) -> str:
+def chart_order(*, gait: Gait) -> str:
     """Order in which the legs of a gait begin to swing by the rule, from LF; legs in phase joined by +."""
     phases = {}
     for middle, sign, (fore, hind) in zip((0.0, 0.5), signs(gait), PAIRS, strict=True):
@@ -375,12 +399,12 @@ def _right(judged: pd.DataFrame, quantity: str) -> float:
     of_measure = masked(judged, judged["measure"] == quantity)
     if of_measure.empty:
         known = judged["measure"].astype(str).unique()
-        raise MeasureError(f"The loading rule has no measure {quantity}{suggestion(quantity, known)}")
+        raise ArgumentError(f"The loading rule has no measure {quantity}{suggestion(quantity, known)}")
     return value(of_measure, column="right")
 
 
 @measure
-def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], quantity: str) -> float:
+def pair_measure(table: pd.DataFrame, *, gait: Gait, pair: Literal[1, 2], quantity: str) -> float:
     """Mean load, fore less hind (N), pitch, nose down (rad), or shift (cycles) of a pair in a gait.
 
     Args:
@@ -394,14 +418,14 @@ def pair_measure(table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], quantit
 
 
 @measure
-def pairs_measure(table: pd.DataFrame, *, gait: str, quantity: str) -> list[float]:
+def pairs_measure(table: pd.DataFrame, *, gait: Gait, quantity: str) -> list[float]:
     """The `pair_measure` of each of the two pairs."""
     first = pair_measure(table, gait=gait, pair=1, quantity=quantity)
     return [first, pair_measure(table, gait=gait, pair=2, quantity=quantity)]
 
 
 @measure
-def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
+def late_tilt(table: pd.DataFrame, *, gait: Gait) -> list[float]:
     """Pitch of each pair's late stance in a gait, nose down, over the range of the pitch (1)."""
     pitch_range = float(np.mean([np.ptp(numbers(part, "pitch")) for part in rows_of_gait(table, gait)]))
     return [tilt / pitch_range for tilt in pairs_measure(table, gait=gait, quantity="tilt_late")]
@@ -409,7 +433,7 @@ def late_tilt(table: pd.DataFrame, *, gait: str) -> list[float]:
 
 @measure
 def pair_ratio(
-    table: pd.DataFrame, *, gait: str, pair: Literal[1, 2], to: Literal[1, 2], quantity: str
+    table: pd.DataFrame, *, gait: Gait, pair: Literal[1, 2], to: Literal[1, 2], quantity: str
 ) -> float:
     """Size of the `pair_measure` of one pair, over that of the other (1).
 

@@ -89,10 +89,11 @@ def basin(
     # a row that has not settled may be named twice: by the hue, and by its outcome
     names = list(dict.fromkeys(theme.ordered(in_order(table, hue, shown))))
     key = [name for name in names if not numeric or name in HATCHED]
-    headings = []
-    for value, part in parts if panels else ():
-        texts = _shares(shown.loc[part.index], key) if shares else []
-        headings.append(_heading(written(table, str(panels), value), texts, side))
+    headings = [
+        _heading(written(table, panels, value), _shares(shown.loc[part.index], key if shares else []), side)
+        for value, part in parts
+        if panels is not None and value is not None  # else one panel has all rows
+    ]
     lines = max((text.count("\n") for text in headings), default=0)
     # without shares the legend has no caption, and more names beside each other
     legend = 0.75 if shares else 0.3 + 0.15 * math.ceil(len(key) / _NAMES_A_LINE)
@@ -107,12 +108,10 @@ def basin(
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(parts), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
-        scale: dict[str, Any] | None = None
-        if numeric:
-            of_scale = table.loc[~shown.isin(HATCHED), hue]
-            scale = {"cmap": "viridis", "norm": Normalize(of_scale.min(), of_scale.max())}
+        of_scale = table.loc[~shown.isin(HATCHED), hue]
+        norm = Normalize(of_scale.min(), of_scale.max()) if numeric else None
         images = [
-            _cells(axes, part, (x, y, hue), shown.loc[part.index], scale, looks, table)
+            _cells(axes, part, (x, y, hue), shown.loc[part.index], norm, looks, table)
             for axes, (_, part) in zip(grid, parts, strict=True)
         ]
         for axes, text in zip(grid, headings, strict=False):  # without panels there are none
@@ -132,7 +131,7 @@ def basin(
 
 
 def _layout(count: int, *, numeric: bool) -> tuple[int, int, float, float]:
-    """The rows and columns of so many panels, the figure's width and the side of a square panel, inches.
+    """The rows and columns of `count` panels, the figure's width and the side of a square panel, inches.
 
     With a `numeric` hue there is a colour bar beside them.
     """
@@ -206,7 +205,7 @@ def _shares(shown: pd.Series, names: Sequence[str], between: str = " ") -> list[
 def _label_axes(
     table: pd.DataFrame, grid: Sequence[Axes], x: str, y: str, columns: int, letters: int
 ) -> None:
-    """Write labels in lines of so many letters along the outer edges, and ticks of angles in multiples of pi.
+    """Write labels, in lines of `letters`, along the outer edges, and ticks of angles in multiples of pi.
 
     Of several panels, and in a column of a paper, the label of a column with a symbol is the symbol and the
     unit.
@@ -231,7 +230,7 @@ def _cells(
     part: pd.DataFrame,
     names_of_columns: tuple[str, str, str],
     shown: pd.Series,
-    scale: dict[str, Any] | None,
+    norm: Normalize | None,
     looks: _Looks,
     table: pd.DataFrame,
 ) -> ScalarMappable | None:
@@ -242,7 +241,7 @@ def _cells(
         part: its rows.
         names_of_columns: x, y and hue.
         shown: the outcome of each row of the part.
-        scale: the colour scale of a numeric hue; None for another.
+        norm: the colour scale of a numeric hue; None for another.
         looks: colour, marker and hatch of each outcome.
         table: the rows of all panels.
     """
@@ -254,19 +253,20 @@ def _cells(
     log_axes(axes, part, x=x, y=y)
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
-    names = [name for name in shown.unique() if scale is None or name in HATCHED]
-    values = part[hue].where(~shown.isin(HATCHED)) if scale else None
+    names = [name for name in shown.unique() if norm is None or name in HATCHED]
+    values = None if norm is None else part[hue].astype(float).where(~shown.isin(HATCHED))
+    scale: dict[str, Any] = {"cmap": "viridis", "norm": norm}
     grid = cell_grid(part, x, y, table)
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
         for name in names:
             starts = rows_where(part, shown == name)
             axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
-        return axes.scatter(part[x], part[y], c=values, s=size, **scale) if scale else None
+        return None if norm is None else axes.scatter(part[x], part[y], c=values, s=size, **scale)
     if part.duplicated([x, y]).any():
         raise PlotError(_why_repeated(part, x, y))
     image = None
-    if scale:
+    if norm is not None:
         image = axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **scale)
     marked = rows_where(part, shown.isin(names))
     if len(marked):

@@ -73,14 +73,15 @@ def basin_measures(
     """Three panels: the fraction of each outcome with its interval, entropies, uncertainty fraction over eps.
 
     Args:
-        table: a settle table, refined or not, complete or partial.
+        table: a settle table, refined or not, complete or partial. Rows without a value of `panels` are left
+            out.
 
     Raises:
         PlotError: the table lacks a column.
         AnalysisError: no axis is left.
     """
     if panels:
-        column(table, panels)
+        table = rows_where(table, table[column(table, panels)].notna())
     down, across = theme.shape(3, theme.PAGE, 2.0)
     with theme.canvas(theme.PAGE, 2.7 * down, title) as figure:
         if not len(table):

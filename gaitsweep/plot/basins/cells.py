@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Real, Shaped
+from jaxtyping import Float, Int, Real, Shaped
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patches import PathPatch
@@ -116,33 +116,34 @@ def hatch_cells(
             axes.add_patch(PathPatch(shape, zorder=3, **look))
 
 
-def _on_grid(values: Real[np.ndarray, " values"], *, log: bool = False) -> bool:
-    """Whether sorted values form a grid: all steps are whole multiples of the smallest, up to rounding.
+def _steps(values: Real[np.ndarray, " values"], *, log: bool) -> Int[np.ndarray, " steps"] | None:
+    """The steps between sorted values as multiples of the smallest; None if they form no grid.
 
-    Steps are ratios with `log`.
+    On a grid they are whole, up to rounding, and shorter than `_MOST_STEPS`. Steps are ratios with `log`.
     """
     gaps = np.diff(np.log(values) if log else values)
-    if not len(gaps):
-        return True
-    steps = gaps / gaps.min()
-    near_whole = (np.abs(steps - np.round(steps)) < _NEAR_WHOLE).all()
-    return len(values) <= _FEW_VALUES or bool(near_whole and steps.max() < _MOST_STEPS)
+    steps = gaps / gaps.min(initial=np.inf)
+    if steps.max(initial=0.0) >= _MOST_STEPS or (np.abs(steps - np.round(steps)) >= _NEAR_WHOLE).any():
+        return None
+    return np.round(steps).astype(int)
 
 
-def _filled(values: Real[np.ndarray, " values"], *, log: bool = False) -> Real[np.ndarray, " cells"]:
+def _on_grid(values: Real[np.ndarray, " values"], *, log: bool) -> bool:
+    """Whether sorted values form a grid, as few values always do."""
+    return len(values) <= _FEW_VALUES or _steps(values, log=log) is not None
+
+
+def _filled(values: Real[np.ndarray, " values"], *, log: bool) -> Real[np.ndarray, " cells"]:
     """Sorted values of a grid with missing values filled in, so that no cell covers a missing neighbour.
 
-    Values that do not form a grid are returned unchanged. Steps are ratios with `log`.
+    Values that do not form a grid are returned unchanged.
     """
+    steps = _steps(values, log=log)
+    if steps is None:
+        return values
     positions = np.log(values) if log else values
-    gaps = np.diff(positions)
-    if not len(gaps):
-        return values
-    steps = np.round(gaps / gaps.min())
-    if (np.abs(gaps / gaps.min() - steps) >= _NEAR_WHOLE).any() or steps.max() >= _MOST_STEPS:
-        return values
     filled = []
-    for number, count in enumerate(steps.astype(int)):
+    for number, count in enumerate(steps):
         missing = np.linspace(positions[number], positions[number + 1], count, endpoint=False)[1:]
         # the value itself exactly, by which rows find their cells
         filled += [values[number : number + 1], np.exp(missing) if log else missing]

@@ -68,7 +68,7 @@ def _sets(table: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
     dtype = table[hue].dtype
     categories = map(str, dtype.categories) if isinstance(dtype, pd.CategoricalDtype) else ()
     named = [name for name in categories if name != "none"]
-    order = theme.ordered(named or sorted(set(shown) - {OTHER, *HATCHED}))
+    order = theme.ordered(dict.fromkeys([*named, *sorted(set(shown) - {OTHER, *HATCHED})]))
 
     def reached(outcomes: pd.Series) -> tuple[str, ...]:
         """The gaits among the outcomes of a cell's starts, and the first of the other outcomes."""

@@ -62,6 +62,16 @@ class Chain(NamedTuple):
         if self.has_profile:
             raise ArgumentError(f"{result} requires equal inner legs, but this chain has a profile.")
 
+    def require_uniform(self, result: str) -> None:
+        """Raise an ArgumentError if springs or amplitudes differ, for which `result` is unknown."""
+        self.require_equal_inner_legs(result)
+        for name in ("kappa_1", "kappa_end", "a_1", "a_end"):
+            inner = name.partition("_")[0]
+            end, others = getattr(self, name), getattr(self, inner)
+            if end is not None and end != others:
+                text = f"but {name} is {end:g} and {inner} {others:g}."
+                raise ArgumentError(f"{result} requires uniform springs and amplitudes, {text}")
+
 
 TABLE_1 = Chain()
 
@@ -146,7 +156,7 @@ def lag(chain: Chain) -> jax.Array:
     Raises:
         ArgumentError: the chain has a profile, with a lag for each pair (`lag_rules`).
     """
-    chain.require_equal_inner_legs("the lag of eq. (17)")
+    chain.require_equal_inner_legs("The lag of eq. (17)")
     return jnp.asarray(2.0 * (1.0 - chain.beta) * jnp.pi - 3.0 * reset(chain) + chain.m * shift(chain))
 
 

@@ -105,18 +105,18 @@ def order_sets(
 ) -> tuple[frozenset[int], frozenset[int]]:
     """T_1 and T_2: legs in front of and behind the boundary leg that touch down before both neighbours.
 
-    The springs and amplitudes of the chain have to be uniform.
+    In a chain that is not uniform these are the legs of `reset_sets` that touch down first.
 
     Args:
         N, branch, chain: as in `rule_of`.
         s: the free phase, rad.
 
     Raises:
-        ArgumentError: the chain has a profile.
+        ArgumentError: springs or amplitudes are not uniform.
 
     Source: eq. (18).
     """
-    chain.require_equal_inner_legs("the threshold of eq. (18)")
+    chain.require_uniform("The threshold of eq. (18)")
     circle = touchdown_phase(chain)
     psi = _solution(rule_of(N, branch, chain), jnp.asarray(s), circle, branch.k)
     threshold = 2.0 * chain.beta * jnp.pi + 2.0 * reset(chain) - chain.m * shift(chain)
@@ -192,6 +192,11 @@ class ResetSet(NamedTuple):
     front: bool | None
     rear: bool | None
 
+    @property
+    def is_first(self) -> bool:
+        """Whether the leg touches down before its neighbours, as the boundary leg, T_1 and T_2 do."""
+        return not self.front and not self.rear
+
 
 def reset_sets(N: int, branch: Branch, s: float, chain: Chain = TABLE_1) -> tuple[ResetSet, ...]:
     """The set of each leg, 1 .. N+1, at the free phase s, in a cycle from the touchdown of leg k on.
@@ -227,14 +232,14 @@ def touchdown_residuals(
     The neighbours' phases are those that psi on section k gives with the resets of each leg's set S.
 
     Args:
-        N, branch, s, chain: as in `reset_sets`; springs and amplitudes of the chain have to be uniform.
+        N, branch, s, chain: as in `reset_sets`.
 
     Raises:
-        ArgumentError: the chain has a profile.
+        ArgumentError: springs or amplitudes are not uniform.
 
     Source: eqs. (3), (13), (14).
     """
-    chain.require_equal_inner_legs("the balance of eq. (14)")
+    chain.require_uniform("The balance of eq. (14)")
     circle = float(touchdown_phase(chain))
     theta = _places(rule_of(N, branch, chain), s)
     phi = np.asarray(phases_on_section(theta, touchdown_phase(chain), branch.k))  # on section k

@@ -138,8 +138,10 @@ def lag_rules(N: int, chain: Chain) -> LagRule:
     # lags of pairs in front of the boundary (never the last pair) and behind it (never the first)
     direct = psi_B - jnp.concatenate([into.front, psi_B[None]])[None]
     retrograde = psi_B - jnp.concatenate([psi_B[None], into.rear])[None]
-    # leg k of set A touches down between two neighbours in takeoff, eq. (20)
-    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), into.rear / into.front])[None], 0.0)
+    # leg k of set A touches down between two neighbours in takeoff, eq. (20); if neither has begun, as for
+    # m_B = m/2, the set is empty and its slope is arbitrary
+    slopes = into.rear / jnp.where(into.front == 0.0, 1.0, into.front)
+    ratio = jnp.where(shared, jnp.concatenate([jnp.zeros(1), slopes])[None], 0.0)
     over = jnp.zeros(len(sets)).at[0].set(into.last).at[-1].set(into.first)
     low = jnp.where(is_A, direct[0, np.maximum(k - 2, 0)], psi_B)
     return LagRule(
