@@ -18,7 +18,8 @@ from gaitsweep.table.frames import with_same_categories
 from gaitsweep.table.manifest import self_check_warned
 
 _CONSTANTS = ("structure", "params", "start")  # the parts of a job that hold constants of all its rows
-_FIELDWISE = (*_CONSTANTS, "run", "numerics")  # the parts of which a joined table keeps the fields in common
+_SETTINGS = ("run", "numerics")
+_FIELDWISE = (*_CONSTANTS, *_SETTINGS)  # the parts of which a joined table keeps the fields in common
 # The first column of a table of branches after the axes: its others depend on fields of the run.
 _OF_BRANCHES = ("point", "part")
 Tables = pd.DataFrame | Result | Sequence[pd.DataFrame | Result]
@@ -40,7 +41,8 @@ def concat(*tables: Tables) -> pd.DataFrame:
     Raises:
         ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
             of the others, or any of their columns if none has a job; two tables have the same row of one job,
-            which would count twice; they are of atlases; an argument is no table, or there is none.
+            which would count twice; two settle from one start with other limits or numerics; they are of
+            atlases; an argument is no table, or there is none.
 
     Example:
         >>> import gaitsweep as gs
@@ -59,6 +61,7 @@ def concat(*tables: Tables) -> pd.DataFrame:
         _require_alike(jobs)
         _require_different_rows(frames)
         frames = _with_differing_constants(frames, jobs)
+        _require_different_starts(frames, jobs)
     _require_columns(frames, axes_only=any(jobs))
     attrs = _joined_attrs([frame.attrs for frame in frames])
     frames, parts = _with_rows_numbered_on(frames)
@@ -252,6 +255,37 @@ def _require_columns(frames: Sequence[pd.DataFrame], *, axes_only: bool) -> None
             for number, frame in enumerate(frames, 1):
                 if name not in frame:
                     raise ArgumentError(f"{name} is a column of table {other}, but table {number} lacks it.")
+
+
+def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse settled rows of the same parameters and start whose jobs differ in limits or numerics alone.
+
+    A column of the user's own, such as one of the tolerance, tells such rows apart.
+
+    Raises:
+        ArgumentError: with the fields that differ.
+    """
+    settings = [
+        {f"{part}.{k}": v for part in _SETTINGS for k, v in (job.get(part) or {}).items()} for job in jobs
+    ]
+    differing = [
+        name
+        for name in dict.fromkeys(itertools.chain(*settings))
+        if len({repr(of.get(name)) for of in settings}) > 1
+    ]
+    if not differing or settings[0].get("run.kind") != "settle":
+        return
+    described = {name for frame in frames for name in frame.attrs.get("quantities") or {}}
+    inputs = [[*axes_of(frame), *(name for name in frame if name not in described)] for frame in frames]
+    names = [name for name in dict.fromkeys(itertools.chain(*inputs)) if name != "row"]
+    starts = pd.concat([frame.reindex(columns=names).drop_duplicates() for frame in frames])
+    if starts.duplicated().any():
+        column = differing[0].partition(".")[2]
+        raise ArgumentError(
+            "Rows of these tables have the same parameters and start, which would count twice: they differ in "
+            f"{', '.join(differing)} alone. Give each table a column that tells them apart, such as "
+            f"table.assign({column}={settings[0].get(differing[0])!r})."
+        )
 
 
 def _value_of(name: str, frame: pd.DataFrame, constants: Mapping[str, Any]) -> Any:

@@ -53,6 +53,19 @@ def test_a_joined_table_is_as_doubtful_and_as_incomplete_as_its_worst_part() -> 
     assert attrs["manifest"]["self_check"]["verdict"] == "warned"
 
 
+def test_a_start_that_settles_within_two_limits_does_not_count_twice() -> None:
+    few, many = _table(["trot", "walk"]), _table(["trot"])
+    for table, most in ((few, 3), (many, 100)):
+        table.attrs["job"]["run"]["max_cycles"] = most
+        table.attrs["quantities"] |= dict.fromkeys(("x_0", "status", "gait"), {"unit": "1"})
+    with pytest.raises(
+        gs.ArgumentError, match=r"differ in run.max_cycles alone.*table.assign\(max_cycles=3\)"
+    ):
+        gs.concat(few, many)
+    assert len(gs.concat(few.loc[few["row"] == 1], many)) == 2
+    assert gs.concat(few.assign(most=3), many.assign(most=100))["most"].tolist() == [3, 3, 100]
+
+
 @pytest.mark.parametrize(
     ("other", "sentence"),
     [
