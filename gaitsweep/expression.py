@@ -283,7 +283,11 @@ def _hint(text: str) -> str:
     if re.search(r"(?<![=<>!])=(?!=)", text):
         return "; equality is written =="
     if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*((?!(?:and|or)\b|e[-+]?\d)[A-Za-z_]\w*|\()", text):
-        return f"; a product needs a star, and a number has no unit: {product[1]}*{product[2]}"
+        number, name = product.groups()
+        in_unit = (
+            "" if name == "(" else f"; or leave a unit away, {number}, with the number in the field's unit"
+        )
+        return f"; write a product with a star, {number}*{name}{in_unit}"
     return ""
 
 

@@ -282,7 +282,7 @@ def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Map
     if starts.duplicated().any():
         column = differing[0].partition(".")[2]
         raise ArgumentError(
-            "Rows of these tables have the same parameters and start, which would count twice: they differ in "
+            "Rows of these tables have the same parameters and start and would count twice: they differ in "
             f"{', '.join(differing)} alone. Give each table a column that tells them apart, such as "
             f"table.assign({column}={settings[0].get(differing[0])!r})."
         )

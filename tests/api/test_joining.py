@@ -57,7 +57,7 @@ def test_a_start_that_settles_within_two_limits_does_not_count_twice() -> None:
     few, many = _table(["trot", "walk"]), _table(["trot"])
     for table, most in ((few, 3), (many, 100)):
         table.attrs["job"]["run"]["max_cycles"] = most
-        table.attrs["quantities"] |= dict.fromkeys(("x_0", "status", "gait"), {"unit": "1"})
+        table.attrs["quantities"] |= {key: {"unit": "1"} for key in ("x_0", "status", "gait")}
     with pytest.raises(
         gs.ArgumentError, match=r"differ in run.max_cycles alone.*table.assign\(max_cycles=3\)"
     ):
