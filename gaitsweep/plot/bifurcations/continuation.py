@@ -82,7 +82,11 @@ def draw_branch(
         if missing:
             continue
         over_the_cut = (np.abs(np.diff(value[part])) > np.pi) & (origin is not None)
-        axes.plot(*theme.interrupted(over_the_cut, at[part], value[part]), zorder=2, **looks[piece])
+        line = theme.interrupted(over_the_cut, at[part], value[part])
+        look = looks[piece]
+        if piece == "unstable":  # dashes of a branch that was followed from two starts would fill their gaps
+            axes.plot(*line, color=axes.get_facecolor(), lw=look["lw"], zorder=1.9)
+        axes.plot(*line, zorder=2 if piece == "stable" else 1.9, **look)
     draw_marks(axes, at, value, branch["special"].to_numpy(object))
 
 
