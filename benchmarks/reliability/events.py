@@ -41,9 +41,8 @@ from gaitsweep.engine.solver.methods import METHODS
 from gaitsweep.errors import UserError
 
 from .random_events import FAMILIES
-from .random_events.family import Case, Family, Solution, differences
+from .random_events.family import TOLERANCE, Case, Family, Solution, differences
 
-TOLERANCE = 1e-6  # of a time in periods, of a state in its scale, of a Jacobian's largest element
 MODELS = 300
 AGREE, LOST, MARKED, SILENT = "agree", "lost", "marked", "silent"
 # Statuses that claim no result; all others are an answer.

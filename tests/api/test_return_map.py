@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,42 @@ def test_images_jacobian_and_multipliers() -> None:
     np.testing.assert_allclose(np.abs(mapping.multipliers(result))[0, 0], R, atol=1e-5)
     assert mapping.jacobian(result).shape == (1, *2 * (len(mapping.coordinates),))
     assert mapping.jacobian(result.points.at[0]).ndim == 2
+
+
+class DroppedBall(gs.DeclaredModel):
+    """A ball over a floor that keeps a share of its speed; all variables are coordinates of the section."""
+
+    rest = gs.parameter("1", "share of the speed that a landing leaves", 0.6)
+    height = gs.variable("m", "height", 0.0, observed=True)
+    speed = gs.variable("m/s", "speed upwards", 2.0, observed=True)
+
+    def flow(self, p, s):
+        return {"height": s.speed, "speed": -10.0}
+
+    @gs.event("lands", section=True)
+    def lands(self, p, s):
+        return -s.height
+
+    @lands.jump
+    def bounces(self, p, s):
+        return s.replace(speed=-p.rest * s.speed)
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.rest
+
+
+def test_the_return_of_a_start_off_the_section_is_its_first_crossing() -> None:
+    """Displaced crossings are moved onto the section; starts are not, whatever the model's own start."""
+    mapping = gs.return_map(DroppedBall())
+    lands = 0.6 * np.sqrt(20.0)  # from 1 m
+    dropped = {"height_0": 1.0, "speed_0": 0.0}
+    np.testing.assert_allclose(mapping(dropped).at, [[0.0, lands]], atol=1e-9)
+    np.testing.assert_allclose(mapping([1.0, 0.0]), [0.0, lands], atol=1e-9)
+    slope = [[0.0, 0.0], [6.0 / np.sqrt(20.0), 0.0]]
+    np.testing.assert_allclose(mapping.jacobian(dropped), [slope], atol=1e-9)
+    crossing = mapping.settled(dropped, 1)
+    below = dataclasses.replace(crossing, at=crossing.at - [1e-6, 0.0])
+    np.testing.assert_allclose(mapping(below).at, mapping(crossing).at, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, parameter, variable
 from gaitsweep.dynamics.event_declarations import Event
 
-from .family import COMPLETE, Case, Family, Solution, System, Values, any_of, solved
+from .family import COMPLETE, TOLERANCE, Case, Family, Solution, System, Values, any_of, solved
 
 FLOORS = (0.0, 1.0, 100.0, -3.0)  # m
 
@@ -115,8 +115,12 @@ def _draw_accumulating(random: np.random.Generator) -> Case:
 
 
 def _accumulates(case: Case) -> Solution:
-    end = _accumulation(case.values)
-    return Solution(frozenset({"event_stall"}), {"t_end": end}, end)
+    p = case.values
+    end = _accumulation(p)
+    # a bounce is no longer seen where its height is a rounding error of those of ball and floor
+    rounding = np.spacing(max(abs(p["h_0"]), abs(p["y_0"] + p["lift"] * end)))
+    unseen = 16.0 * np.sqrt(8.0 * rounding / p["g"]) / (1.0 - p["rest"])  # s, with all bounces after it
+    return Solution(frozenset({"event_stall"}), {"t_end": end}, max(end, unseen / TOLERANCE))
 
 
 class Shaken(DeclaredModel):

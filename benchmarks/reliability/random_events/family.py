@@ -52,6 +52,7 @@ class Solution:
 
 
 COMPLETE = frozenset({"complete"})
+TOLERANCE = 1e-6  # of a time in periods, of a state in its scale, of a Jacobian's largest element
 
 
 @dataclass(frozen=True)
