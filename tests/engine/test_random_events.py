@@ -19,6 +19,7 @@ BOUNCING = BY_NAME["bouncing"]
 @pytest.mark.parametrize(
     "name",
     [
+        "bouncing",
         "start on a floor",
         "accumulating impacts",
         "balls together",
