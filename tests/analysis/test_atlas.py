@@ -105,9 +105,9 @@ def test_a_branch_is_lost_where_trajectories_do_not_come_back() -> None:
     bounded = Bounded(lambda v, x: jnp.where(x < 1.0, 0.5 * (x + v["r"]), jnp.nan), ("x",), (("r", 0.5),))
     search = searched(bounded, {"r": 0.5}, [0.0], [0.9], 1, 8)
     table = atlas_table(atlas_of(bounded, search, {"r": 0.5}, "r", (0.2, 2.0), 0), search, 0.5)
-    (lost,) = table[table["end"] == "lost"].to_dict("records")
-    assert lost["r"] == pytest.approx(1.0, abs=1e-3)
-    assert lost["change"] == "no return to the section"
+    lost = table[table["end"] == "lost"]
+    np.testing.assert_allclose(lost["r"], [1.0], atol=1e-3)
+    assert lost["change"].tolist() == ["no return to the section"]
 
 
 def test_a_cascade_to_period_16() -> None:
@@ -323,6 +323,19 @@ def test_a_circle_and_its_resonances() -> None:
 
 
 @pytest.mark.slow
+def test_a_turn_at_a_bend_of_the_tent_map_is_a_corner() -> None:
+    """Fixed points m / (1 - slope) on both sides of x = 0 meet at m = 0, where slopes are 1/2 and b > 1."""
+    tent = PlainMap(
+        lambda v, x: v["m"] + jnp.where(x < 0.0, 0.5, v["b"]) * x, ("x",), (("m", 0.0), ("b", 1.5))
+    )
+    values = {"m": -0.1, "b": 1.5}
+    search = searched(tent, values, [-1.0], [1.0], 1, 16)
+    atlas = atlas_of(tent, search, values, "m", (-0.3, 0.3), 1)
+    corners = specials(atlas_table(atlas, search, -0.1), "corner", "m")
+    np.testing.assert_allclose(corners, 0.0, atol=1e-8)
+    assert len(corners) == 1
+
+
 def test_a_curve_of_corners() -> None:
     """X + p - q^2 - |x - q| / 2 has the gaits x = q +- 2 (p - q^2), which meet in the corner p = q^2."""
     cornered = PlainMap(

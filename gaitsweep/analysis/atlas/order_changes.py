@@ -341,7 +341,8 @@ def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) 
 def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> tuple[str, ...]:
     """The changes of the order of events just beyond an end at which a branch is lost; empty without any.
 
-    Where trajectories do not come back there, this is the change. The points beyond it lie on the line through the records `inner` and `at_end`.
+    Where trajectories do not come back there, this is the change. The points beyond the end lie on the line
+    through the records `inner` and `at_end`.
     """
     end, before = branch.point(at_end), branch.point(inner)
     problem, mapping = branch.problem, branch.problem.mapping
