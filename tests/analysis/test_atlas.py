@@ -322,7 +322,6 @@ def test_a_circle_and_its_resonances() -> None:
     assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_a_turn_at_a_bend_of_the_tent_map_is_a_corner() -> None:
     """Fixed points m / (1 - slope) on both sides of x = 0 meet at m = 0, where slopes are 1/2 and b > 1."""
     tent = PlainMap(
@@ -336,6 +335,7 @@ def test_a_turn_at_a_bend_of_the_tent_map_is_a_corner() -> None:
     assert len(corners) == 1
 
 
+@pytest.mark.slow
 def test_a_curve_of_corners() -> None:
     """X + p - q^2 - |x - q| / 2 has the gaits x = q +- 2 (p - q^2), which meet in the corner p = q^2."""
     cornered = PlainMap(
