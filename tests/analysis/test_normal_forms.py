@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
+from gaitsweep.analysis.continuation.bifurcation_curves import bifurcation_curve
+from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.critical_points import SecondParameter
+from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints
 from gaitsweep.analysis.continuation.normal_forms import coefficient
 from gaitsweep.analysis.continuation.plain_map import PlainMap
@@ -55,16 +59,17 @@ def lifted(plane: PlainMap) -> PlainMap:
         u = plane.function(values, at[:2], H(values, at))  # type: ignore[call-arg]
         return jnp.append(u, H(values, at) + curved(u))
 
-    return PlainMap(image, ("x", "y", "z"), (("r", 0.0),), invariants=(("H", H),))
+    return PlainMap(image, ("x", "y", "z"), plane.defaults, invariants=(("H", H),))
 
 
 def bifurcation(
-    mapping: PlainMap, at: list[float], fix: list[str]
+    mapping: PlainMap, at: list[float], fix: list[str], **others: float
 ) -> tuple[ContinuationProblem, BranchPoints]:
     points = mapping.points([at])
-    values = {"r": np.zeros(1)}
-    constraints = ConservedConstraints.of(mapping, fix, mapping.linearised(points, values).conserved_values)
-    problem = ContinuationProblem.of(mapping, "r", (-1.0, 1.0), {}, constraints, points.at)
+    values = {name: np.array([value]) for name, value in others.items()}
+    at_zero = mapping.linearised(points, {"r": np.zeros(1), **values})
+    constraints = ConservedConstraints.of(mapping, fix, at_zero.conserved_values)
+    problem = ContinuationProblem.of(mapping, "r", (-1.0, 1.0), values, constraints, points.at)
     return problem, problem.first(points, np.zeros((1, len(fix))), np.zeros(1), 1.0)
 
 
@@ -76,3 +81,20 @@ def test_the_normal_form_on_a_level_set(kind: str) -> None:
     assert abs(expected) > 1e-4
     # differences of Jacobians over 1e-3 of a coordinate's scale
     assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_flips_on_a_level_set_turn_from_super_to_subcritical() -> None:
+    """The flip of -(1 + r) x + x^2 / 2 + (s - 1/4) x^3 has the coefficient s."""
+
+    def image(values: Values, u: Coordinates, H: Coordinates | float = LEVEL) -> Coordinates:
+        x, y = u
+        first = -(1.0 + values["r"]) * x + 0.5 * x**2 + (values["s"] - 0.25) * x**3 + H * x**5
+        return jnp.stack([first, 0.3 * y + H * x**2])
+
+    mapping = lifted(PlainMap(image, ("x", "y"), (("r", 0.0), ("s", 0.3))))
+    problem, at = bifurcation(mapping, [0.0, 0.0, LEVEL], ["H"], s=0.3)
+    second = SecondParameter("s", -0.5, 0.5)
+    curve = alone(bifurcation_curve(problem, at, "flip", second, ArclengthSteps()))
+    assert curve is not None
+    turns = [record for record in curve.records() if record["special"] == "generalized_flip"]
+    assert [turn["s"] for turn in turns] == pytest.approx([0.0], abs=1e-5)
