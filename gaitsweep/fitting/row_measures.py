@@ -321,8 +321,9 @@ class FixedPoint(Measure):
                 measured[fixed] = moduli[:, 0] if is_largest else (moduli > 1.0 + EDGE).sum(axis=1)
         why = np.full(n, "", object)
         for k in np.flatnonzero(np.isnan(measured)):
-            code = NewtonOutcome(fixed_points.outcome[k]) if has_crossed[k] else ReturnStatus(statuses[k])
-            why[k] = f"no fixed point found ({code.sentence.removesuffix('.')})"
+            outcome = NewtonOutcome(fixed_points.outcome[k]).sentence.removesuffix(".")
+            reason = outcome if has_crossed[k] else ReturnStatus(statuses[k]).name
+            why[k] = f"no fixed point found ({reason})"
         return Measured(measured, why)
 
     @property
