@@ -49,7 +49,10 @@ COLUMNS = {
     "unstable": ("1", "multipliers outside the unit circle, or eigenvalues with a positive real part"),
     "stable": ("1", "whether none is unstable"),
     "special": ("", "bifurcation, or kink of the map, at this point"),
-    "coefficient": ("1", "coefficient of the bifurcation's normal form"),
+    "coefficient": (
+        "1",
+        "coefficient of the normal form, coordinates X in units of 0.1 + abs(X), angles in rad",
+    ),
     "found": ("1", "searches that found the gait; 0: its branch alone leads there; -1: not searched here"),
     "symmetry": ("", "symmetries that the gait has itself"),
     "reached": ("1", "share of the simulated starts that settled to the gait"),

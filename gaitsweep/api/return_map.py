@@ -87,7 +87,7 @@ class PoincareMap(FixedPointsOfModel):
     def multipliers(self, x: SectionPoints | ArrayLike) -> Inexact[np.ndarray, "*points coordinates"]:
         """Return the Floquet multipliers of fixed points, complex (n, size), largest modulus first.
 
-        They are NaN, with a warning, of points of `fixed_points` that did not converge.
+        They are NaN, with a warning, of points of `fixed_points` that are not fixed to its tolerance.
 
         Args:
             x: fixed points, as `fixed_points` gives them; of the gait to which a start settles:
@@ -110,11 +110,11 @@ class PoincareMap(FixedPointsOfModel):
             [0.7, 0.7]
         """
         factors = multipliers(self.jacobian(x))
-        if isinstance(x, FixedPoints) and not x.converged.all():
-            factors[~x.converged] = complex(np.nan, np.nan)
-            outcomes = sorted({NewtonOutcome(outcome).name for outcome in x.outcome[~x.converged]})
+        if isinstance(x, FixedPoints) and not x.fixed.all():
+            factors[~x.fixed] = complex(np.nan, np.nan)
+            outcomes = sorted({NewtonOutcome(outcome).name for outcome in x.outcome[~x.fixed]})
             warn(
-                f"{np.count_nonzero(~x.converged)} of {len(x.converged)} points are no fixed points "
+                f"{np.count_nonzero(~x.fixed)} of {len(x.fixed)} points are no fixed points "
                 f"({', '.join(outcomes)}): their multipliers are NaN."
             )
         return factors

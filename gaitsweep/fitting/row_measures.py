@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 from pydantic import Field
 
+from gaitsweep.analysis.continuation.bifurcation_tests import EDGE
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
-from gaitsweep.analysis.continuation.newton import newton
+from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -275,7 +276,8 @@ class FixedPoint(Measure):
     """Multiplier of a fixed point of the return map, or an observable there.
 
     Newton's method begins at the point that a start reaches after `settle` cycles, so the fixed point may be
-    unstable; the map needs located events.
+    unstable; the map needs located events. A fixed point on a line of them counts, too.
+    Multipliers that exceed 1 by less than 1e-6 are neutral, not unstable.
     """
 
     on_map: ClassVar[bool] = True
@@ -304,19 +306,24 @@ class FixedPoint(Measure):
         points, statuses = mapping.settled(starts, values, self.settle)
         fixed_points = newton(mapping, points, values, fix=self.fix)
         measured = np.full(n, np.nan)
-        converged = np.flatnonzero(fixed_points.converged & (statuses == ReturnStatus.crossed))
-        if converged.size:
+        has_crossed = statuses == ReturnStatus.crossed
+        fixed = np.flatnonzero(fixed_points.fixed & has_crossed)
+        if fixed.size:
             images = fixed_points.images
             if self.of_ in images.observed:
-                measured[converged] = np.asarray(images.observed[self.of_], float)[converged]
+                measured[fixed] = np.asarray(images.observed[self.of_], float)[fixed]
             else:
                 names = [quantity.name for quantity in mapping.conserved]
-                fixed = [names.index(name) for name in self.fix]
-                conserved = images.conserved_jacobian[converged][:, fixed]
-                moduli = np.abs(multipliers(images.jacobian[converged], conserved))
+                constrained = [names.index(name) for name in self.fix]
+                conserved = images.conserved_jacobian[fixed][:, constrained]
+                moduli = np.abs(multipliers(images.jacobian[fixed], conserved))
                 is_largest = self.of_ == _MULTIPLIER
-                measured[converged] = moduli[:, 0] if is_largest else (moduli > 1.0).sum(axis=1)
-        why = np.where(np.isnan(measured), "no fixed point found", "")
+                measured[fixed] = moduli[:, 0] if is_largest else (moduli > 1.0 + EDGE).sum(axis=1)
+        why = np.full(n, "", object)
+        for k in np.flatnonzero(np.isnan(measured)):
+            outcome = NewtonOutcome(fixed_points.outcome[k]).sentence.removesuffix(".")
+            reason = outcome if has_crossed[k] else ReturnStatus(statuses[k]).name
+            why[k] = f"no fixed point found ({reason})"
         return Measured(measured, why)
 
     @property

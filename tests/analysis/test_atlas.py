@@ -19,7 +19,7 @@ from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.plain_map import PlainMap
-from gaitsweep.engine.poincare.maps import Coordinates, Map, Points, Values
+from gaitsweep.engine.poincare.maps import Coordinates, Events, Map, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
 from gaitsweep.examples.rimless_wheel import RimlessWheel
@@ -92,6 +92,22 @@ def test_orbits_of_the_henon_map() -> None:
     for orbit in search.orbits:
         images = HENON.images(orbit.points, {"a": 1.4, "b": 0.3}).points.at
         np.testing.assert_allclose(images, np.roll(orbit.points.at, -1, axis=0), atol=1e-12)
+
+
+class Bounded(PlainMap):
+    """A map whose trajectories meet one event, and none from x = 1 on, where they do not come back."""
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return [[(0.5, "turn")] if x < 1.0 else [] for x in points.at[:, 0]]
+
+
+def test_a_branch_is_lost_where_trajectories_do_not_come_back() -> None:
+    bounded = Bounded(lambda v, x: jnp.where(x < 1.0, 0.5 * (x + v["r"]), jnp.nan), ("x",), (("r", 0.5),))
+    search = searched(bounded, {"r": 0.5}, [0.0], [0.9], 1, 8)
+    table = atlas_table(atlas_of(bounded, search, {"r": 0.5}, "r", (0.2, 2.0), 0), search, 0.5)
+    lost = table[table["end"] == "lost"]
+    np.testing.assert_allclose(lost["r"], [1.0], atol=1e-3)
+    assert lost["change"].tolist() == ["no return to the section"]
 
 
 def test_a_cascade_to_period_16() -> None:
@@ -304,6 +320,19 @@ def test_a_circle_and_its_resonances() -> None:
     assert resonances["resonance_1_3"] == pytest.approx(3.0, abs=1e-6)
     assert circle["end"].iloc[-1] == "resonance_1_2"
     assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_a_turn_at_a_bend_of_the_tent_map_is_a_corner() -> None:
+    """Fixed points m / (1 - slope) on both sides of x = 0 meet at m = 0, where slopes are 1/2 and b > 1."""
+    tent = PlainMap(
+        lambda v, x: v["m"] + jnp.where(x < 0.0, 0.5, v["b"]) * x, ("x",), (("m", 0.0), ("b", 1.5))
+    )
+    values = {"m": -0.1, "b": 1.5}
+    search = searched(tent, values, [-1.0], [1.0], 1, 16)
+    atlas = atlas_of(tent, search, values, "m", (-0.3, 0.3), 1)
+    corners = specials(atlas_table(atlas, search, -0.1), "corner", "m")
+    np.testing.assert_allclose(corners, 0.0, atol=1e-8)
+    assert len(corners) == 1
 
 
 @pytest.mark.slow

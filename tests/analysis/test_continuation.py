@@ -167,6 +167,22 @@ def test_a_branch_continues_beyond_a_jump_of_the_map() -> None:
     np.testing.assert_allclose(above["x"], above["r"] + 0.05, atol=1e-8)
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.05])
+def test_a_branch_that_turns_at_a_bend_of_the_map_has_a_corner(gap: float) -> None:
+    """Fixed points x = r below 1, and x = 3 - 2 r + gap above: the branch turns, or there is a jump."""
+
+    def bent(values: Values, x: Array) -> Array:
+        return 0.5 * (x + jnp.where(x < 1.0, values["r"], 3.0 - 2.0 * values["r"] + gap))
+
+    mapping = PlainMap(bent, ("x",), (("r", 0.5),))
+    table = continuation(mapping, mapping.points([[0.5]]), {}, parameter="r", within=(0.5, 1.5))
+    kink = table["special"].tolist().index("kink")
+    assert (table["x"].iloc[kink:] > 1.0).all()
+    corner = table[table["special"] == "corner"]
+    assert corner.index.tolist() == ([kink - 1] if gap == 0.0 else [])
+    np.testing.assert_allclose(corner[["x", "r"]], 1.0, atol=1e-8)
+
+
 def test_a_closed_branch_ends() -> None:
     """Fixed points on the circle x^2 + r^2 = 1."""
     mapping = PlainMap(lambda v, x: x + 0.1 * (1.0 - x**2 - v["r"] ** 2), ("x",), (("r", 0.0),))

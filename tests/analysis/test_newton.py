@@ -100,6 +100,10 @@ def test_conserved_quantities_are_constrained() -> None:
     starts = CONSERVING.points([[0.9, 0.8], [0.3, 0.4]])
     alone = newton(CONSERVING, starts, {})
     assert alone.outcome.tolist() == [NewtonOutcome.singular] * 2
+    assert alone.fixed.tolist() == [True, True]  # on a line of fixed points
+    leaking = newton(CONSERVING, starts, {"leak": 0.01})
+    assert leaking.outcome.tolist() == [NewtonOutcome.singular] * 2
+    assert not leaking.fixed.any()
     held = newton(CONSERVING, starts, {}, fix=["total"])
     assert held.converged.all()
     total = np.array([1.7, 0.7])

@@ -5,15 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 import toy_model
+from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.poincare.maps import Points
+from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import JobError
 from gaitsweep.fitting.fit_fields import MEASURES
 from gaitsweep.fitting.measure import RowMeasure
+from gaitsweep.fitting.row_measures import FixedPoint
 from gaitsweep.fitting.search import run_search
 from gaitsweep.fitting.search_job import read_search
 
@@ -169,6 +174,41 @@ def test_names_that_the_model_lacks_are_refused(kind: str, fields: dict[str, Any
     result = measure(kind, **fields).field_error(["status", "gait", "apex_end", "cycles"], TOY)
     assert result is not None
     assert sentence in " ".join(result)
+
+
+class SettledMap(PlainMap):
+    """A map whose starts are points after their cycles; below x = 0 they have fallen."""
+
+    def settled(self, starts: Any, values: Any, cycles: int) -> tuple[Points, np.ndarray]:
+        fell = starts["x"] < 0.0
+        return self.points(np.stack([starts["x"], starts["y"]], axis=1)), np.where(
+            fell, ReturnStatus.fell, ReturnStatus.crossed
+        )
+
+
+def test_a_fixed_point_on_a_line_of_them_is_measured() -> None:
+    # x + y is conserved, and named by no one: Newton's equations are singular at each fixed point
+    def image(values: Any, x: Any) -> Any:
+        pull = 0.45 * (x[1] - x[0] ** 2)
+        return jnp.stack([x[0] + pull, x[1] - pull + values["leak"]])
+
+    mapping = SettledMap(image, ("x", "y"), (("leak", 0.0),))
+    starts = {"x": np.array([0.9, 0.9, -1.0]), "y": np.array([0.8, 0.8, 1.0])}
+    values = {"leak": np.array([0.0, 0.01, 0.0])}
+    fields = {"kind": "fixed_point", "at": {"mass": 1}}
+    speed = FixedPoint.model_validate({**fields, "of": "x"}).of_starts(mapping, values, starts, 3)  # type: ignore[arg-type]
+    assert speed.values[0] == pytest.approx(-0.5 + np.sqrt(1.95))
+    assert np.isnan(speed.values[1:]).all()
+    assert speed.why[0] == ""
+    assert "constrain what the map conserves" in speed.why[1]
+    assert "fell" in speed.why[2]
+    # multipliers are 1, to rounding, and 0.55 - 0.9 x
+    start = np.linspace(0.2, 0.8, 50)
+    starts, values = {"x": start, "y": start}, {"leak": np.zeros(50)}
+    for of, expected in (("multiplier", 1.0), ("unstable", 0.0)):
+        measure = FixedPoint.model_validate({**fields, "of": of})
+        result = measure.of_starts(mapping, values, starts, 50)  # type: ignore[arg-type]
+        assert result.values == pytest.approx(expected)
 
 
 def search(**targets: dict[str, Any]) -> dict[str, Any]:

@@ -49,6 +49,10 @@ STEPS_TO_END = 4.0
 LARGEST_PROGRESS = 0.95
 # Shares of the longest step that are tried to jump over a discontinuity, where no short step converges.
 JUMPS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+# Largest distance from the end of a branch to the tangent behind it, as a share of the way over, at a bend.
+MISSED = 0.05
+# Halvings of the interval that holds a bend.
+BISECTIONS = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -218,6 +222,7 @@ class BranchFollower:
             self._mark_corner(np.array([row]))
         over, crossed = _jump_over(problem, self.branch_points[rows], self.steps.longest)
         landed = np.flatnonzero(crossed)
+        self._write_corners(rows[landed], over[landed])
         self.branch_points = self.branch_points.merged(rows[landed], over[landed])
         self.tests_before[rows] = np.nan
         self.length[rows] = self.steps.first
@@ -233,6 +238,15 @@ class BranchFollower:
         if 0.0 <= ahead(problem, before, crossing.point) <= STEPS_TO_END * self.steps.shortest:
             self.table.write(self.numbers[row], problem, crossing.point, [crossing.kind], tolerance=TOGETHER)
             self.crossings.append(BranchCrossing(int(row[0]), crossing.point, crossing.aside))
+
+    def _write_corners(self, rows: Int[np.ndarray, " rows"], over: BranchPoints) -> None:
+        """Record the corners where the parameter turns on the way to points `over` a bend of the map."""
+        for k in np.flatnonzero(self.branch_points.tangent[rows, -1] * over.tangent[:, -1] < 0.0):
+            row = rows[[k]]
+            problem, before = self.problem[row], self.branch_points[row]
+            if _meets(problem, before, over[[k]]):
+                corner = _last_before(problem, before, self.steps.shortest)
+                self.table.write(self.numbers[row], problem, corner, ["corner"], tolerance=TOGETHER)
 
     def _accept(
         self, rows: Int[np.ndarray, " rows"], after: BranchPoints, specials: list[list[Special]]
@@ -317,6 +331,26 @@ def _jump_over(
             best = best.merged(rows[accepted], after[accepted])
             landed[rows[accepted]] = True
     return best, landed
+
+
+def _meets(problem: ContinuationProblem, before: BranchPoints, over: BranchPoints) -> bool:
+    """Whether the tangent at `over` (1,) leads back to the branch's end `before` (1,): a bend, no jump."""
+    scale = np.sqrt(problem.weights[0])
+    way = scale * problem.change(before.points.at, before.parameter, over.points.at, over.parameter)[0]
+    tangent = scale * over.tangent[0]
+    back = way @ tangent
+    return bool(back > 0.0 and np.linalg.norm(way - back * tangent) < MISSED * np.linalg.norm(way))
+
+
+def _last_before(problem: ContinuationProblem, before: BranchPoints, length: float) -> BranchPoints:
+    """The last point (1,) of a branch before a bend of the map within a `length`, by bisection."""
+    low, high, last = 0.0, 2.0 * length, before
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        near, converged = problem.step(before, np.array([middle]))
+        is_before = converged[0] and near.tangent[0, -1] * before.tangent[0, -1] > 0.0
+        low, high, last = (middle, high, near) if is_before else (low, middle, last)
+    return last
 
 
 def _beyond(

@@ -323,29 +323,28 @@ class CriticalEquations:
         i, k = np.triu_indices(len(others), 1)
         pairs = float(np.prod(1.0 - others[i] * others[k]).real)
         folds, flips = (float(np.prod(1.0 + sign * others).real) for sign in (-1.0, 1.0))
-        unconstrained = not self.constraints.which
-        jacobian = derivatives + self._of_coordinates()
+        E = self._of_coordinates()
+        jacobian = derivatives + E
         if self.kind == "neimark_sacker":
             turn = float(np.cos(unknowns[-1]))
             tests = {"resonance_1_3": turn + 0.5, "resonance_1_4": turn, "fold_neimark_sacker": folds}
             tests |= {"flip_neimark_sacker": flips, "double_neimark_sacker": pairs}
-            if unconstrained:
-                p = w / (w @ v)
-                tests["chenciner"] = neimark_sacker_coefficient(
-                    jacobian, v, p, self.critical(unknowns), first, near.second
-                )
+            p = w / (w @ E @ v)
+            tests["chenciner"] = neimark_sacker_coefficient(
+                jacobian, E, v, p, self.critical(unknowns), first, near.second
+            )
             return tests
         if self.kind == "branch_point":
             return {"pitchfork_flip": flips, "pitchfork_neimark_sacker": pairs}
-        meets = float(np.real(w @ self._of_coordinates() @ v))
+        meets = float(np.real(w @ E @ v))
         if self.kind == "fold":
             curvature = float(w @ first[0] @ v)
             tests = {"cusp": curvature, "resonance_1_1": meets, "fold_flip": flips}
             return {**tests, "fold_neimark_sacker": pairs}
         tests = {"resonance_1_2": meets, "fold_flip": folds, "flip_neimark_sacker": pairs}
-        if unconstrained and meets != 0.0:
+        if meets != 0.0:
             tests["generalized_flip"] = flip_coefficient(
-                jacobian, v, w / meets, first[0], near.second[0]
+                jacobian, E, v, w / meets, first[0], near.second[0]
             ) * abs(meets)
         return tests
 

@@ -97,8 +97,8 @@ class FixedPoints:
     """The results of the searches from n starts.
 
     `points` the last points; `drift` (n, k) of the constrained quantities over a cycle; `residual` (n,) the
-    largest relative residual of a coordinate; `iterations` (n,); `outcome` (n,) a `NewtonOutcome`; `images`
-    of the last points, with derivatives.
+    largest relative residual of a coordinate, and its `tolerance`; `iterations` (n,); `outcome` (n,) a
+    `NewtonOutcome`; `images` of the last points, with derivatives.
     """
 
     points: Points
@@ -107,10 +107,17 @@ class FixedPoints:
     iterations: Int[np.ndarray, " points"]
     outcome: Int[np.ndarray, " points"]
     images: MapEvaluation
+    tolerance: float
+
+    @property
+    def fixed(self) -> Bool[np.ndarray, " points"]:
+        """Mask of the points that are fixed points to the tolerance, isolated or not, (n,)."""
+        at_singular = (self.outcome == NewtonOutcome.singular) & (self.residual <= self.tolerance)
+        return self.converged | at_singular
 
     @property
     def converged(self) -> Bool[np.ndarray, " points"]:
-        """Mask of the searches that converged, (n,)."""
+        """Mask of the searches that converged to an isolated fixed point, (n,)."""
         return self.outcome == NewtonOutcome.converged
 
     def __repr__(self) -> str:
@@ -195,7 +202,13 @@ def newton(
             search.step(rows)
         search.mark_singular()
     return FixedPoints(
-        search.points, search.drift, search.residual, search.iterations, search.outcome, search.images
+        search.points,
+        search.drift,
+        search.residual,
+        search.iterations,
+        search.outcome,
+        search.images,
+        tolerance,
     )
 
 

@@ -13,16 +13,20 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.floquet_multipliers import (
     ComplexVector,
+    CriticalEigenvectors,
     Matrix,
     Vector,
     critical_eigenvectors,
     critical_multiplier,
+    multipliers,
 )
-from gaitsweep.engine.poincare.maps import Points, Values, sizes
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices
+from gaitsweep.engine.poincare.maps import MapEvaluation, Points, Values, sizes
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
 
 # Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
@@ -143,7 +147,8 @@ SIMPLE = ("fold", "transcritical", "flip", "neimark_sacker", *PITCHFORKS)
 def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> float:
     """The leading coefficient of the normal form at a bifurcation of one branch (1,).
 
-    The critical coordinate x is in units of the coordinates' scales (rad for angles, else 0.1 + their size):
+    The critical coordinate x is a displacement along the critical direction, which has length 1 in units of
+    the coordinates' scales (rad for angles, else 0.1 + their size):
 
     - fold, transcritical: a of x -> x + a x^2.
     - flip: b of x -> -x + b x^3; supercritical, to a stable cycle of twice the period, where b > 0.
@@ -156,61 +161,95 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
         at: the bifurcation.
         kind: its kind.
 
+    Where conserved quantities are constrained, the normal form is that of the map on their level set.
+
     Returns:
-        NaN for other kinds, where the map has a corner beside the point, and where conserved quantities are
-        constrained.
+        NaN for other kinds, where the map has a corner beside the point, and at a Hopf point on such a level
+        set.
     """
-    if kind not in SIMPLE or problem.constraints.which:
+    if kind not in SIMPLE:
         return float("nan")
     if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
+        if problem.constraints.which:
+            return float("nan")
         return hopf_form(problem.mapping, at.points, problem.values_at(at.parameter)).l1
     # an angle is measured in rad wherever it is cut
     scale = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
-    J = at.images.jacobian[0] * scale / scale[:, None]
+    size, constraints = len(scale), problem.constraints
+    J = _extended(at.images, constraints, scale)[0]
     if not np.isfinite(J).all():
         return float("nan")
-    multiplier, q, p = critical_eigenvectors(J, critical_multiplier(np.linalg.eigvals(J), kind))
+    E = np.diag(np.arange(len(J)) < size).astype(float)
+    multiplier, q, p = _critical_vectors(J, E, at.images, constraints, kind)
     if not np.linalg.norm(p) < LARGEST_LEFT:
         return float("nan")
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
-    beside = [sign * BESIDE * u for u in directions for sign in (1.0, -1.0)]
+    beside = [sign * BESIDE * u[:size] for u in directions for sign in (1.0, -1.0)]
     first_branch = np.zeros(len(beside), int)
     points = Points(at.points.at + np.stack(beside) * scale, at.points[first_branch].modes)
     images = problem[first_branch].evaluated(points, at.parameter[first_branch])
-    jacobians = images.jacobian * scale / scale[:, None]
-    if not (images.sound.all() and np.isfinite(jacobians).all()):
+    if not images.sound.all():
+        return float("nan")
+    jacobians = _extended(images, constraints, scale)
+    if not np.isfinite(jacobians).all():
         return float("nan")
     pairs = list(zip(jacobians[::2], jacobians[1::2], strict=True))
     first = [(ahead - behind) / (2.0 * BESIDE) for ahead, behind in pairs]
     second = [(ahead - 2.0 * J + behind) / BESIDE**2 for ahead, behind in pairs]
     if kind == "neimark_sacker":
-        return neimark_sacker_coefficient(J, q, p, multiplier, first, second)
+        return neimark_sacker_coefficient(J, E, q, p, multiplier, first, second)
     q, p = np.real(q), np.real(p)
     B, C = first[0], second[0]
     quadratic = B @ q
     if kind in ("fold", "transcritical"):
         return float(0.5 * p @ quadratic)
     if kind == "flip":
-        return flip_coefficient(J, q, p, B, C)
-    bordered = np.block([[J - np.eye(len(J)), q[:, None]], [p[None], np.zeros((1, 1))]])
+        return flip_coefficient(J, E, q, p, B, C)
+    bordered = np.block([[J - E, q[:, None]], [p[None], np.zeros((1, 1))]])
     h = np.linalg.solve(bordered, np.append(quadratic - (p @ quadratic) * q, 0.0))[:-1]
     return float(p @ (C @ q / 6.0 - 0.5 * B @ h))
 
 
-def flip_coefficient(J: Matrix, q: Vector, p: Vector, first: Matrix, second: Matrix) -> float:
-    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . q = 1.
+def _extended(
+    images: MapEvaluation, constraints: ConservedConstraints, scale: Float[np.ndarray, " coordinates"]
+) -> Float[np.ndarray, "points unknowns unknowns"]:
+    """The Jacobians in scaled coordinates, with rows and columns of the constraints as in `matrices`."""
+    full = matrices(images, constraints)
+    full[:, : len(scale), : len(scale)] = images.jacobian
+    of_unknowns = np.append(scale, np.ones(len(constraints.which)))
+    return full * of_unknowns / of_unknowns[:, None]
+
+
+def _critical_vectors(
+    J: Matrix, E: Matrix, images: MapEvaluation, constraints: ConservedConstraints, kind: str
+) -> CriticalEigenvectors:
+    """The critical multiplier with its eigenvectors, (J - multiplier E) q = 0, p . E q = 1."""
+    if not constraints.which:
+        return critical_eigenvectors(J, critical_multiplier(np.linalg.eigvals(J), kind))
+    factors = multipliers(images.jacobian, images.conserved_jacobian[:, constraints.which])[0]
+    multiplier = critical_multiplier(factors, kind)
+    left, _, right = np.linalg.svd(J - multiplier * E)
+    q, p = right[-1].conj().astype(complex), left[:, -1].conj()
+    q = q * np.exp(-1j * np.angle(q[np.argmax(np.abs(q))]))
+    return CriticalEigenvectors(multiplier, q, p / (p @ E @ q))
+
+
+def flip_coefficient(J: Matrix, E: Matrix, q: Vector, p: Vector, first: Matrix, second: Matrix) -> float:
+    """The coefficient of a flip, from the first and second derivative of the Jacobian along q; p . E q = 1.
 
     Args:
-        J: the Jacobian, (size, size).
+        J: the Jacobian, (size, size), with rows and columns of constraints where there are any.
+        E: one for each coordinate and zero for each constraint, (size, size).
         q, p: its right and left critical eigenvectors, (size,).
         first, second: first and second derivative of the Jacobian along q, (size, size).
     """
-    inner = np.linalg.solve(np.eye(len(J)) - J, first @ q)
+    inner = np.linalg.solve(E - J, first @ q)
     return float(p @ (second @ q / 6.0 + 0.5 * first @ inner))
 
 
 def neimark_sacker_coefficient(
     J: Matrix,
+    E: Matrix,
     q: ComplexVector,
     p: ComplexVector,
     multiplier: complex,
@@ -220,18 +259,17 @@ def neimark_sacker_coefficient(
     """The coefficient of a Neimark-Sacker bifurcation.
 
     Args:
-        J: the Jacobian, (size, size).
-        q, p: its right and left critical eigenvectors, (size,), p . q = 1.
+        J, E: as in `flip_coefficient`.
+        q, p: its right and left critical eigenvectors, (size,), p . E q = 1.
         multiplier: the critical multiplier.
         first, second: first and second derivatives of the Jacobian along the real and the imaginary part of
             q, (size, size) each.
     """
     unit = multiplier / abs(multiplier)
     B, conjugate = first[0] + 1j * first[1], first[0] - 1j * first[1]
-    eye = np.eye(len(J))
     cubic = (second[0] + second[1]) @ q
-    mixed = 2.0 * B @ np.linalg.solve(eye - J, B @ q.conj())
-    double = conjugate @ np.linalg.solve(unit**2 * eye - J, B @ q)
+    mixed = 2.0 * B @ np.linalg.solve(E - J, B @ q.conj())
+    double = conjugate @ np.linalg.solve(unit**2 * E - J, B @ q)
     return float(0.5 * (p @ (cubic + mixed + double) / unit).real)
 
 
