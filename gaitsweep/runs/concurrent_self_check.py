@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Self
 
@@ -114,20 +114,20 @@ class ConcurrentSelfCheck:
             return np.zeros(0, np.int64)
         if _COMPARABLE.among(result.status).any():
             return np.zeros(0, np.int64)
-        rows = self._rows_with({"status": _COMPARABLE})
+        rows = self._rows_with({"status": sorted(_COMPARABLE)})
         places = np.linspace(0, rows.size - 1, min(LEAST_ROWS, rows.size)).astype(int)
         return np.sort(rows)[places]
 
     def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
         """The rows that ended as `cycle_limit`, none of them pushed."""
-        wanted = {"status": StatusNames({Status.cycle_limit.name})}
+        wanted = {"status": [Status.cycle_limit.name]}
         if isinstance(self._context.job.run, Perturb):  # a rerun of crossings makes no push
-            wanted["recovery"] = {NOT_PUSHED}
+            wanted["recovery"] = [NOT_PUSHED]
         return self._rows_with(wanted)
 
-    def _rows_with(self, wanted: Mapping[str, Set[str]]) -> Int[np.ndarray, " rows"]:
+    def _rows_with(self, wanted: Mapping[str, Sequence[str]]) -> Int[np.ndarray, " rows"]:
         """The rows with one of the given names in each of some columns, `status` among them."""
-        if not wanted["status"] & self._table.counts().keys():
+        if not any(map(self._table.counts().get, wanted["status"])):
             return np.zeros(0, np.int64)
         numbers = []
         for part in self._table.load_parts(["row", *wanted]):

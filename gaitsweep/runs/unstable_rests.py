@@ -111,11 +111,11 @@ def unstable_rests(
     total_crossings = int(np.asarray(records.groupby("row")["crossing"].max(), np.int64).sum())
     records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
     resting = records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
-    records = records[resting]
+    records = records.iloc[np.flatnonzero(resting)]
     observed = _observables(model, records)
+    unmoved = _near(model, observed, begun[place[resting]], UNMOVED)
     signs = signs_of_symmetry(model, observed)
-    began = _near(model, observed, begun[records["place"]], UNMOVED)
-    suspects = records[began | signs.any(axis=1)]
+    suspects = records.iloc[np.flatnonzero(unmoved | signs.any(axis=1))]
     if suspects.empty:
         return suspects
 
@@ -135,11 +135,10 @@ def unstable_rests(
     follow = _following(mapping, deciding)
     telling = ~np.all(signs, axis=0)
     if not telling.all():
-        probed = suspects.drop_duplicates("row").iloc[:PROBED_ROWS]
-        beginning = jax.tree.map(lambda column: column[probed["place"]], (parameters, starts))
-        points = _starting_points(context, mapping, *beginning, shape)
+        probed = suspects.iloc[np.unique(suspects["place"], return_index=True)[1][:PROBED_ROWS]]
+        points = _starting_points(context, mapping, rows[probed["place"]], shape)
         telling |= ~_signs_by_the_section(mapping, follow, points, values_at(probed))
-        suspects = records[began | signs[:, telling].any(axis=1)]
+        suspects = records.iloc[np.flatnonzero(unmoved | signs[:, telling].any(axis=1))]
         if suspects.empty:
             return suspects
     # a crossing of a simulator takes long: the least number suffices for one state
@@ -185,6 +184,7 @@ def _first_of_rows(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def _observables(model: Model, records: pd.DataFrame) -> Float[np.ndarray, "records observables"]:
+    """The observables of some records."""
     return records[[quantity.name for quantity in model.observables]].to_numpy(float)
 
 
@@ -280,11 +280,7 @@ def _state_shape(
 
 
 def _starting_points(
-    context: RunContext,
-    mapping: BatchedReturnMap,
-    parameters: Mapping[str, Float[np.ndarray, " rows"]],
-    starts: Mapping[str, Float[np.ndarray, " rows"]],
-    shape: State,
+    context: RunContext, mapping: BatchedReturnMap, rows: Int[np.ndarray, " rows"], shape: State
 ) -> Points:
     """The coordinates and states of rows (n,) at their starts, which may lie between crossings."""
     model, spec = context.model, context.spec
@@ -293,6 +289,7 @@ def _starting_points(
         return mapping.chart.to_coordinates(params, state), jax.tree.leaves(state)
 
     of_rows = over_started_rows(point, "starting_point", model, spec.numerics.dtype, spec.drive)
+    parameters, starts = context.design.values_in(rows)
     at, leaves = of_rows(model.on_host(parameters), starts)
     return Points(np.asarray(at), jax.tree.unflatten(jax.tree.structure(shape), map(np.asarray, leaves)))
 
