@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Self
 
@@ -14,14 +15,17 @@ from jaxtyping import Int
 from gaitsweep.compiling_threads import purpose_of_compiling
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.kinds.perturb import NOT_PUSHED, Perturb
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check import RerunRows, compare_stored, look_at_unsettled, self_check
-from gaitsweep.runs.self_check_result import SelfCheck, rows_to_repeat
+from gaitsweep.runs.self_check import RerunRows, add_rows, compare_stored, look_at_unsettled, self_check
+from gaitsweep.runs.self_check_result import LEAST_ROWS, SelfCheck, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
-from gaitsweep.status import Status
+from gaitsweep.status import RECURRENT, Status, StatusNames
 from gaitsweep.table import Table
 
+# Rows whose ends finer steps should reproduce.
+_COMPARABLE = StatusNames(Status.SOUND - RECURRENT - {Status.inferred.name})
 _PURPOSE = "the self-check (`verify: 0` turns it off)"  # of compilations, in the progress
 
 
@@ -84,6 +88,8 @@ class ConcurrentSelfCheck:
             check, rerun = self._begun.result()
         if check is not None and rerun is not None:
             with purpose_of_compiling(_PURPOSE):
+                if (more := self._comparable_rows(rerun)).size:
+                    rerun = add_rows(self._context, check, rerun, more, on_sweep_progress)
                 compare_stored(self._context, check, rerun, self._stored, on_sweep_progress)
                 look_at_unsettled(self._context, check, self._at_cycle_limit(), on_sweep_progress)
         timings = dict(self._table.manifest.get("timings", {}))
@@ -101,17 +107,29 @@ class ConcurrentSelfCheck:
         table.attrs.clear()  # pandas copies them with each column
         return table
 
+    def _comparable_rows(self, rerun: RerunRows) -> Int[np.ndarray, " rows"]:
+        """Evenly spread rows whose ends can be compared, if none of the rerun rows has such an end."""
+        result = rerun.result
+        at_ends = self._context.job.run.compared != "crossings"
+        if not (at_ends and isinstance(result, RowOutcome)) or _COMPARABLE.among(result.status).any():
+            return np.zeros(0, np.int64)
+        rows = np.setdiff1d(self._rows_with({"status": sorted(_COMPARABLE)}), rerun.rows)
+        return rows[np.linspace(0, rows.size - 1, min(LEAST_ROWS, rows.size)).astype(int)]
+
     def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
         """The rows that ended as `cycle_limit`, none of them pushed."""
-        if not self._table.counts().get(Status.cycle_limit.name):
-            return np.zeros(0, np.int64)
-        wanted = {"status": Status.cycle_limit.name}
+        wanted = {"status": [Status.cycle_limit.name]}
         if isinstance(self._context.job.run, Perturb):  # a rerun of crossings makes no push
-            wanted["recovery"] = NOT_PUSHED
-        parts = self._table.load_parts(["row", *wanted])
+            wanted["recovery"] = [NOT_PUSHED]
+        return self._rows_with(wanted)
+
+    def _rows_with(self, wanted: Mapping[str, Sequence[str]]) -> Int[np.ndarray, " rows"]:
+        """The rows with one of the given names in each of some columns, `status` among them."""
+        if not any(map(self._table.counts().get, wanted["status"])):
+            return np.zeros(0, np.int64)
         numbers = []
-        for part in parts:
-            chosen = np.logical_and.reduce([part[name] == value for name, value in wanted.items()])
+        for part in self._table.load_parts(["row", *wanted]):
+            chosen = np.logical_and.reduce([part[name].isin(names) for name, names in wanted.items()])
             numbers.append(part.loc[chosen, "row"].unique())
         return np.concatenate(numbers).astype(np.int64)
 
@@ -119,4 +137,6 @@ class ConcurrentSelfCheck:
     def _known(self) -> dict[str, Any] | None:
         """Result of an earlier self-check with the same number of rows, or None."""
         before = self._table.manifest.get("self_check")
-        return before if isinstance(before, dict) and before.get("rows") == self._rows else None
+        if not isinstance(before, dict) or "rows" not in before:
+            return None
+        return before if before["rows"] - before.get("added", 0) == self._rows else None

@@ -124,6 +124,36 @@ def self_check(
     return check, rerun
 
 
+def add_rows(
+    context: RunContext,
+    check: SelfCheck,
+    rerun: RerunRows,
+    rows: Rows,
+    on_progress: Callable[[SweepProgress], None],
+) -> RerunRows:
+    """Compare further rows of a run that compares the ends of its rows.
+
+    Args:
+        context: the job's context.
+        check: the result of a self-check, to which they are added.
+        rerun: the rows that it reran with the same steps.
+        rows: the further rows (n,).
+        on_progress: progress callback.
+
+    Returns:
+        All rows that were rerun with the same steps.
+    """
+    more, _ = _Comparison(context, on_progress).compare_ends(rows, check)
+    assert isinstance(rerun.result, RowOutcome)
+    assert isinstance(more.result, RowOutcome)
+    check.rows += rows.size
+    check.added = rows.size
+    joined = np.concatenate([rerun.rows, rows])
+    order = np.argsort(joined)
+    outcome = RowOutcome.concat([rerun.result, more.result]).take(order)
+    return RerunRows(joined[order], rerun.recorder, outcome)
+
+
 def compare_stored(
     context: RunContext,
     check: SelfCheck,

@@ -73,7 +73,7 @@ class SelfCheck:
     """Result of a self-check; a row that is sensitive counts nowhere else.
 
     Args:
-        rows: the number of rows rerun.
+        rows: the number of rows rerun, including the added ones.
         of: the number of rows of the job.
         finer: the finer steps or tolerances, in words.
         stored_differs: rows that do not reproduce their stored records with the same steps.
@@ -89,6 +89,7 @@ class SelfCheck:
             first crossings.
         worst: name and unit of the observable with the largest change relative to its size.
         repeating: the rows that errors of the integration keep from settling (`repeating_rows`).
+        added: rows with comparable ends that were rerun besides the sample, which had none.
     """
 
     rows: int
@@ -106,6 +107,7 @@ class SelfCheck:
     largest: dict[str, float] = dataclasses.field(default_factory=dict)
     worst: dict[str, str] = dataclasses.field(default_factory=dict)
     repeating: dict[str, Any] = dataclasses.field(default_factory=dict)
+    added: int = 0
     _worst_share: float = -1.0
 
     def record_changes(

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
+from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.poincare.maps import Points, sizes
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
@@ -41,6 +42,11 @@ PARTS_OF_A_TURN = 24
 UNMOVED = 1e-6
 SAME = 1e-3
 DISPLACEMENT = 1e-6  # of the scale of each coordinate
+# At a stable gait a displacement may grow a thousandfold before it decays. So the states that left are
+# displaced again, by a share `SMALLER` of that, and followed for `REACH` times as many crossings: at an
+# unstable gait they leave again, since they grow at the same rate.
+SMALLER = 1e-3
+REACH = 2
 DIRECTIONS = 3  # in which each state is displaced
 COPIES = 1 + DIRECTIONS  # trajectories of a state: its own, and the displaced ones
 # A displaced state has left if it is `LEFT` away, or `GROWN` times as far as at the start and, after the
@@ -67,6 +73,11 @@ MAX_CROSSINGS = 200
 MIN_CROSSINGS = 40
 MIN_BUDGET = 4000
 MAX_STATES = 64
+# A sign of symmetry that all records have may be due to the section, such as the phase that defines it: then
+# the next crossings of displaced starts have it too. Those of `PROBED_ROWS` rows are displaced by
+# `START_DISPLACEMENT` of the scale of each coordinate.
+START_DISPLACEMENT = 1e-3
+PROBED_ROWS = 2
 
 
 def unstable_rests(
@@ -97,19 +108,45 @@ def unstable_rests(
         return records.iloc[:0]  # a map has no parameters that the host computes
     rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
     ahead = _changes_ahead(model, records)
+    total_crossings = int(np.asarray(records.groupby("row")["crossing"].max(), np.int64).sum())
     records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
-    suspects = _suspects(model, records, begun)
-    if not len(suspects):
+    resting = records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
+    records = records.iloc[np.flatnonzero(resting)]
+    observed = _observables(model, records)
+    unmoved = _near(model, observed, begun[place[resting]], UNMOVED)
+    signs = signs_of_symmetry(model, observed)
+    suspects = records.iloc[np.flatnonzero(unmoved | signs.any(axis=1))]
+    if suspects.empty:
         return suspects
-    # a crossing of a simulator takes long: the least number suffices for one state
-    min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
-    crossings = np.asarray(records.groupby("row")["crossing"].max(), np.int64)
-    budget = max(int(crossings.sum()), min_budget)
-    count = int(np.clip(budget // (MIN_CROSSINGS * COPIES), 1, MAX_STATES))
-    suspects = suspects.iloc[followed(suspects["ahead"].to_numpy(float), count)]
 
     parameters, starts = context.design.values_in(rows)
     shape = _state_shape(context, parameters, starts)
+    moving = context.job.run.moved
+    following = context.design.following(moving) if moving is not None else {}
+
+    def values_at(some: pd.DataFrame) -> dict[str, Float[np.ndarray, " records"]]:
+        values = {name: column[some["place"]] for name, column in parameters.items() if name not in following}
+        return values if moving is None else {**values, moving: some[moving].to_numpy(float)}
+
+    engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
+    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, engine)
+    at_section = not isinstance(context.spec.recorder, StepRecorder)
+    deciding = (mapping.settings, numerics, at_section)
+    follow = _following(mapping, deciding)
+    telling = ~np.all(signs, axis=0)
+    if not telling.all():
+        probed = suspects.iloc[np.unique(suspects["place"], return_index=True)[1][:PROBED_ROWS]]
+        points = _starting_points(context, mapping, rows[probed["place"]], shape)
+        telling |= ~_signs_by_the_section(mapping, follow, points, values_at(probed))
+        suspects = records.iloc[np.flatnonzero(unmoved | signs[:, telling].any(axis=1))]
+        if suspects.empty:
+            return suspects
+    # a crossing of a simulator takes long: the least number suffices for one state
+    min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
+    budget = max(total_crossings, min_budget)
+    count = int(np.clip(budget // (MIN_CROSSINGS * COPIES), 1, MAX_STATES))
+    suspects = suspects.iloc[followed(suspects["ahead"].to_numpy(float), count)]
+
     recorder = StateRecorder(model, context.spec.recorder, state_size(shape))
     rerun_places = np.unique(suspects["place"])
     outcome = rerun(rows[rerun_places], recorder)
@@ -119,21 +156,26 @@ def unstable_rests(
     if suspects.empty:
         return _first_of_rows(not_reproduced)
 
-    moving = context.job.run.moved
-    following = context.design.following(moving) if moving is not None else {}
-    values = {name: column[suspects["place"]] for name, column in parameters.items() if name not in following}
-    if moving is not None:
-        values[moving] = suspects[moving].to_numpy(float)
-    engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
-    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, engine)
-    at_section = not isinstance(recorder.base, StepRecorder)
-    deciding = (mapping.settings, numerics, at_section)
-    follow = _following(mapping, deciding)
+    values = values_at(suspects)
     states = states_of(samples[same], shape)
     points = _points(mapping, values, states, follow, deciding, at_section=at_section)
-    displaced = _DisplacedStates(mapping, follow, points, values, suspects, smooth=not in_fixed_steps)
-    leaves = displaced.follow(budget, on_progress)
-    return _first_of_rows(pd.concat([not_reproduced, suspects.iloc[np.flatnonzero(leaves)]]))
+    leaving = np.arange(len(points))
+    # a smaller displacement is lost among the digits of float32
+    for share in (1.0, SMALLER) if numerics.dtype == "float64" else (1.0,):
+        if leaving.size:
+            displaced = _DisplacedStates(
+                mapping,
+                follow,
+                points[leaving],
+                {name: column[leaving] for name, column in values.items()},
+                _observables(model, suspects.iloc[leaving]),
+                telling,
+                period=int(np.max(suspects["period"].to_numpy(np.int64), initial=1)),
+                smooth=not in_fixed_steps,
+                share=share,
+            )
+            leaving = leaving[displaced.follow(budget, on_progress)]
+    return _first_of_rows(pd.concat([not_reproduced, suspects.iloc[leaving]]))
 
 
 def _first_of_rows(records: pd.DataFrame) -> pd.DataFrame:
@@ -141,19 +183,14 @@ def _first_of_rows(records: pd.DataFrame) -> pd.DataFrame:
     return records.sort_values(["row", "sample"]).drop_duplicates("row")
 
 
-def _suspects(
-    model: Model, records: pd.DataFrame, begun: Float[np.ndarray, "rows observables"]
-) -> pd.DataFrame:
-    """The records that rest on a symmetric gait, or where their row began."""
-    observed = records[[q.name for q in model.observables]].to_numpy(float)
-    suspect = symmetric(model, observed) | _near(model, observed, begun[records["place"]], UNMOVED)
-    suspect &= records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
-    return records.iloc[np.flatnonzero(suspect)]
+def _observables(model: Model, records: pd.DataFrame) -> Float[np.ndarray, "records observables"]:
+    """The observables of some records."""
+    return records[[quantity.name for quantity in model.observables]].to_numpy(float)
 
 
 def _changes_ahead(model: Model, records: pd.DataFrame) -> Float[np.ndarray, " records"]:
     """The change of each record to the next one of its row, relative to its size; 0 at the end of a row."""
-    observed = records[[q.name for q in model.observables]].to_numpy(float)
+    observed = _observables(model, records)
     size = np.maximum(np.abs(observed[:-1]), 1.0)
     relative = np.nan_to_num(changes(model, observed[:-1], observed[1:]) / size, nan=0.0)
     row = records["row"].to_numpy()
@@ -173,20 +210,24 @@ def followed(changes_ahead: Float[np.ndarray, " suspects"], count: int) -> Int[n
     return np.unique(np.concatenate([before_jumps, spaced]))
 
 
-def symmetric(
+def signs_of_symmetry(
     model: Model, observed: Float[np.ndarray, "records observables"]
-) -> Bool[np.ndarray, " records"]:
-    """Mask of observables as on a symmetric gait: an angle is a part of a turn, or two numbers are equal.
+) -> Bool[np.ndarray, "records signs"]:
+    """Signs of a symmetric gait: an angle is a part of a turn, or two observables are equal.
 
     Args:
         model: the model.
         observed: its observables in each record.
+
+    Returns:
+        For each record a mask of the signs: of the angles, then of pairs of observables of one unit.
     """
     part = 2.0 * np.pi / PARTS_OF_A_TURN
-    alike = np.zeros(len(observed), bool)
-    for i, quantity in enumerate(model.observables):
-        if quantity.circular:
-            alike |= np.abs(observed[:, i] - part * np.round(observed[:, i] / part)) < ALIKE
+    signs = [
+        np.abs(angle - part * np.round(angle / part)) < ALIKE
+        for angle, quantity in zip(observed.T, model.observables, strict=True)
+        if quantity.circular
+    ]
     shared = set(strides_of_feet(model))
     for i, k in itertools.combinations(range(len(model.observables)), 2):
         if {model.observables[i].name, model.observables[k].name} <= shared:
@@ -195,8 +236,8 @@ def symmetric(
             values = observed[:, i]
             equal = np.abs(values - observed[:, k]) <= ALIKE * np.abs(values)
             # whole numbers are counts, which may be equal on any gait
-            alike |= equal & (values != np.round(values))
-    return alike
+            signs.append(equal & (values != np.round(values)))
+    return np.stack(signs, axis=1) if signs else np.zeros((len(observed), 0), bool)
 
 
 def strides_of_feet(model: Model) -> dict[str, str]:
@@ -236,6 +277,36 @@ def _state_shape(
 
     inputs = model.on_host(parameters), starts
     return jax.eval_shape(state, *jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), inputs))
+
+
+def _starting_points(
+    context: RunContext, mapping: BatchedReturnMap, rows: Int[np.ndarray, " rows"], shape: State
+) -> Points:
+    """The coordinates and states of rows (n,) at their starts, which may lie between crossings."""
+    model, spec = context.model, context.spec
+
+    def point(params: Params, state: State) -> tuple[jax.Array, list[jax.Array]]:
+        return mapping.chart.to_coordinates(params, state), jax.tree.leaves(state)
+
+    of_rows = over_started_rows(point, "starting_point", model, spec.numerics.dtype, spec.drive)
+    parameters, starts = context.design.values_in(rows)
+    at, leaves = of_rows(model.on_host(parameters), starts)
+    return Points(np.asarray(at), jax.tree.unflatten(jax.tree.structure(shape), map(np.asarray, leaves)))
+
+
+def _signs_by_the_section(
+    mapping: BatchedReturnMap,
+    follow: _Follow,
+    starts: Points,
+    values: Mapping[str, Float[np.ndarray, " points"]],
+) -> Bool[np.ndarray, " signs"]:
+    """Mask of the signs of symmetry that displaced starts (n,) all have at their next crossing."""
+    displaced = _with_copies(starts, START_DISPLACEMENT)[len(starts) :]
+    copies = {name: np.tile(column, DIRECTIONS) for name, column in values.items()}
+    images = follow(displaced, copies, len(displaced))
+    observed = np.stack([images.observed[q.name] for q in mapping.model.observables], axis=1)
+    signs = signs_of_symmetry(mapping.model, observed[images.sound])
+    return np.all(signs, axis=0) & bool(images.sound.any())
 
 
 def _samples(
@@ -356,8 +427,11 @@ class _DisplacedStates:
         follow: follows points to their images under it.
         points: the points.
         values: their parameters.
-        suspects: their records.
+        observed: the observables of their records.
+        telling: a mask of the signs of symmetry that not all crossings have.
+        period: the longest period of their orbits, in crossings.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
+        share: the displacement, as a share of `DISPLACEMENT`.
     """
 
     def __init__(
@@ -366,18 +440,24 @@ class _DisplacedStates:
         follow: _Follow,
         points: Points,
         values: Mapping[str, Float[np.ndarray, " points"]],
-        suspects: pd.DataFrame,
+        observed: Float[np.ndarray, "points observables"],
+        telling: Bool[np.ndarray, " signs"],
         *,
+        period: int,
         smooth: bool,
+        share: float,
     ) -> None:
         n = len(points)
         self._mapping = mapping
         self._follow = follow
         self._points = points
         self._values = values
-        self._observed = suspects[[q.name for q in mapping.model.observables]].to_numpy(float)
-        self._period = int(np.max(suspects["period"].to_numpy(np.int64), initial=1))
+        self._observed = observed
+        self._telling = telling
+        self._period = period
         self._smooth = smooth
+        self._displacement = share * DISPLACEMENT
+        self._reach = 1 if share == 1.0 else REACH
         self._scattered_until = 0 if smooth else SCATTER_CROSSINGS * self._period
         self._rests = np.zeros(n, bool)
         self._left = np.zeros(n, bool)
@@ -388,19 +468,21 @@ class _DisplacedStates:
         """Return a mask of the points (n,) where rows rest and that trajectories from some side leave.
 
         Args:
-            budget: crossings in which all points and their displaced copies are followed.
+            budget: crossings in which all points and their displaced copies are followed, times `REACH` for
+                a smaller displacement.
             on_progress: called with the share that is followed.
         """
-        n = len(self._points)
+        budget *= self._reach
+        n, most = len(self._points), self._reach * MAX_CROSSINGS
         followed = np.arange(n)  # the points that are not decided
-        batch = _with_copies(self._points)
+        batch = _with_copies(self._points, self._displacement)
         distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
         previous = self._points.at  # the coordinates a period of the orbit ago
         displacements: deque[Float[np.ndarray, "directions points coordinates"]] = deque(maxlen=STILL_FOR + 1)
-        while followed.size and (number := len(distances)) <= MAX_CROSSINGS:
-            on_progress(number / MAX_CROSSINGS)
+        while followed.size and (number := len(distances)) <= most:
+            on_progress(number / most)
             budget -= followed.size * COPIES
-            if budget < 0 and number > MIN_CROSSINGS:
+            if budget < 0 and number > self._reach * MIN_CROSSINGS:
                 break
             copies = np.tile(followed, COPIES)
             values = {name: column[copies] for name, column in self._values.items()}
@@ -409,7 +491,7 @@ class _DisplacedStates:
             at = batch.at.reshape(COPIES, followed.size, -1)
             if number <= self._period:
                 observed = {name: column[:n] for name, column in images.observed.items()}
-                self._rests |= _on_the_gait(self._mapping.model, observed, self._observed)
+                self._rests |= _on_the_gait(self._mapping.model, observed, self._observed, self._telling)
             if number <= self._scattered_until and number % self._period == 0:
                 scatter = SCATTERED * self._mapping.distance(previous, at[0])
                 self._left_at = np.maximum(self._left_at, scatter)
@@ -426,7 +508,8 @@ class _DisplacedStates:
                 now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
                 displacements.append(now)
                 if self._smooth and number >= STILL_AFTER:
-                    away &= ~_still(displacements, sizes(self._points.at), self._period)
+                    size = self._displacement * sizes(self._points.at)
+                    away &= ~_still(displacements, size, self._period)
                 undecided = np.flatnonzero((away & ~self._left)[followed])
                 batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
                 followed = followed[undecided]
@@ -446,11 +529,11 @@ class _DisplacedStates:
         self._ended[:, followed] = ended | ~sound[0] | ~sound[1:]
 
 
-def _with_copies(points: Points) -> Points:
-    """The points (n,), and then those displaced in each direction."""
+def _with_copies(points: Points, displacement: float) -> Points:
+    """The points (n,), and then those displaced in each direction, by a share of each coordinate's scale."""
     shape = (DIRECTIONS, 1, points.at.shape[1])
     directions = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
-    displaced = points.at + DISPLACEMENT * sizes(points.at) * directions
+    displaced = points.at + displacement * sizes(points.at) * directions
     copies = np.tile(np.arange(len(points)), COPIES)
     return Points(np.concatenate([points.at, *displaced]), points[copies].modes)
 
@@ -460,12 +543,18 @@ def _still(
     size: Float[np.ndarray, "points coordinates"],
     period: int,
 ) -> Bool[np.ndarray, " points"]:
-    """Mask of points whose displaced copies keep their displacement, at the same places of the orbit."""
+    """Mask of points whose displaced copies keep their displacement, at the same places of the orbit.
+
+    Args:
+        displacements: those of the last crossings.
+        size: the displacement at the start.
+        period: the period of the orbit, in crossings.
+    """
     last, *before = list(displacements)[::-period]
     if not before:
         return np.zeros(len(size), bool)
     changes_of_one = np.max([np.abs(last - earlier) for earlier in before], axis=0) / size
-    return np.asarray(np.all(changes_of_one < STILL * DISPLACEMENT, axis=(0, 2)))
+    return np.asarray(np.all(changes_of_one < STILL, axis=(0, 2)))
 
 
 def _from_first(
@@ -479,10 +568,11 @@ def _on_the_gait(
     model: Model,
     images: Mapping[str, Float[np.ndarray, " points"]],
     observed: Float[np.ndarray, "points observables"],
+    telling: Bool[np.ndarray, " signs"],
 ) -> Bool[np.ndarray, " points"]:
     """Mask of observables of images, by name, that are those of records that rest, or of a symmetric gait.
 
     Records of earlier cycles, such as those of lifted feet, may differ on the same symmetric gait.
     """
     reached = np.stack([images[q.name] for q in model.observables], axis=1)
-    return _near(model, reached, observed, SAME) | symmetric(model, reached)
+    return _near(model, reached, observed, SAME) | signs_of_symmetry(model, reached)[:, telling].any(axis=1)

@@ -22,7 +22,7 @@ from gaitsweep.contract import Model
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.plot.provenance_marks import remarks
-from gaitsweep.runs import concurrent_self_check, execute
+from gaitsweep.runs import concurrent_self_check, execute, unstable_rests
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.self_check_result import SelfCheck, counted, sample_rows
 from gaitsweep.runs.sentences import advice, self_check_sentence
@@ -468,6 +468,122 @@ def test_rows_that_stay_on_an_unstable_gait_are_marked(
         assert "(first row 0 at K = -0.2" in self_check_sentence(check)
     elif unstable and model is TwoOscillators:  # stairs and ramps from K = 0.5 down, in phase
         assert -0.3 < check["unstable_first"]["K"] <= 0.0
+
+
+class Shear(gs.DeclaredModel):
+    """The origin of a linear return map: x -> a x + g y, y -> a y; displacements grow g-fold, then as a^n."""
+
+    a = gs.parameter("1", "multiplier", 0.5)
+    g = gs.parameter("1", "shear", 1e4)
+    x = gs.variable("1", "x", 0.0)
+    y = gs.variable("1", "y", 0.0)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": 0.0 * s.x, "y": 0.0 * s.y, "clock": 1.0}
+
+    @gs.event("1 s is over", section=True)
+    def tick(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @tick.jump
+    def image(self, p: Any, s: Any) -> Any:
+        return s.replace(x=p.a * s.x + p.g * s.y, y=p.a * s.y, clock=s.clock - 1.0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.a
+
+
+def test_transient_growth_at_a_stable_gait_is_no_instability() -> None:
+    """With a = 0.5 displacements grow ten-thousandfold before they decay; with a = 1.2 they grow for good."""
+    result = judged(Shear, gs.Settle(max_cycles=60), a=[0.5, 1.2])
+    assert (result["verdict"], result["unstable"]) == ("warned", 1)
+    assert result["unstable_first"] == {"row": 1, "a": 1.2}
+
+
+class Pair(gs.DeclaredModel):
+    """An oscillator whose phase defines the section, and one that follows it: in phase if they are alike."""
+
+    detuning = gs.parameter("rad/s", "difference of frequencies", 0.0)
+    K = gs.parameter("rad/s", "coupling", 1.0)
+    phi = gs.variable("rad", "phase of oscillator {}", (0.0, 0.0), count=2, circular=True)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        pull = p.detuning + p.K * jnp.sin(s.phi[0] - s.phi[1])
+        return {"phi": 2.0 * jnp.pi + jnp.stack([0.0 * pull, pull])}
+
+    @gs.event("oscillator {} turns", count=2, section="first")
+    def turn(self, p: Any, s: Any) -> Any:
+        return s.phi - 2.0 * jnp.pi
+
+    @turn.jump
+    def back(self, p: Any, s: Any, leg: int) -> Any:
+        return s.replace(phi=s.phi.at[leg].add(-2.0 * jnp.pi))
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.K
+
+
+def test_the_phase_of_the_section_is_no_sign_of_symmetry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first phase is 0 at each crossing of every row; the second is, too, on the symmetric gait alone."""
+    settle = gs.Settle(max_cycles=60)
+    result = judged(Pair, settle, K=[-0.2, 0.2])
+    assert (result["unstable"], result["unstable_first"]) == (1, {"row": 0, "K": -0.2})
+
+    def follows(*_: Any) -> Any:
+        raise AssertionError("no row rests on a symmetric gait")
+
+    monkeypatch.setattr(unstable_rests, "followed", follows)
+    assert judged(Pair, settle, K=[1.0, 2.0], detuning=[0.5])["verdict"] == "passed"
+
+
+class Ledge(gs.DeclaredModel):
+    """A point that stays on a narrow ledge, around x = 0.13 m, or falls at once."""
+
+    rate = gs.parameter("1/s", "rate of settling", 2.0)
+    x = gs.variable("m", "place", 0.0)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": -p.rate * (s.x - 0.13), "clock": 1.0}
+
+    @gs.event("1 s is over", section=True)
+    def tick(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p: Any, s: Any) -> Any:
+        return s.replace(clock=s.clock - 1.0)
+
+    def failed(self, p: Any, s: Any) -> Any:
+        """The point is beside the ledge."""
+        return jnp.abs(s.x - 0.13) > 0.03
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.rate
+
+
+@pytest.mark.parametrize("when", ["after", "beside"])
+def test_settled_rows_are_added_to_a_sample_without_one(
+    tmp_path: Path, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One row of 40 settles, and it is none of the four sampled ones."""
+    monkeypatch.setattr(execute, "_rows_leave_the_host_idle", lambda _: when == "beside")
+    fields: dict[str, Any] = {
+        "model": "test_self_check:Ledge",
+        "vary": {"x_0": {"linspace": [-1, 1, 40]}},
+        "run": {"kind": "settle", "max_cycles": 60},
+        "verify": 4,
+    }
+    result = checked(tmp_path, **fields)
+    assert (result["verdict"], result["rows"], result["added"]) == ("passed", 5, 1)
+    assert result["largest"]["x"] < 1e-3
+
+    def again(*_: Any) -> Any:
+        raise AssertionError("the self-check is complete")
+
+    monkeypatch.setattr(concurrent_self_check, "self_check", again)
+    assert checked(tmp_path, **fields) == result
 
 
 class Dropped(gs.MjcfModel):
