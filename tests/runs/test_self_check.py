@@ -524,6 +524,7 @@ class Pair(gs.DeclaredModel):
         return 1.0 + 0.0 * p.K
 
 
+@pytest.mark.slow
 def test_the_phase_of_the_section_is_no_sign_of_symmetry(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first phase is 0 at each crossing of every row; the second is, too, on the symmetric gait alone."""
     settle = gs.Settle(max_cycles=60)
