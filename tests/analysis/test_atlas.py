@@ -110,6 +110,7 @@ def test_a_branch_is_lost_where_trajectories_do_not_come_back() -> None:
     assert lost["change"].tolist() == ["no return to the section"]
 
 
+@pytest.mark.slow
 def test_a_cascade_to_period_16() -> None:
     """Flips of the logistic map at 3, 1 + sqrt 6, ... to 1e-10, and Feigenbaum's ratio to a per cent."""
     search = searched(LOGISTIC, {"r": 2.5}, [-1.0], [2.0], 1, 64)
@@ -164,6 +165,7 @@ def test_a_branch_ends_where_it_becomes_its_image() -> None:
     assert set(table["end"]) == {"", "range", "pitchfork"}
 
 
+@pytest.mark.slow("0.3")
 @pytest.mark.parametrize("place", [-0.5, 0.3])
 def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
     """X + 0.3 x (1 - r^2 - x^2) has the gaits r^2 + x^2 = 1, which are one branch with their images."""
@@ -193,6 +195,7 @@ def test_hits_of_a_gait_count_where_its_image_is_listed() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_symmetry_of_a_declared_model() -> None:
     """Two decaying bodies: their exchange turns the states between crossings into each other's."""
     mapping = BatchedReturnMap(TwoBodies())

@@ -105,6 +105,7 @@ def test_normal_forms(size: int, towards: int, steps: ArclengthSteps) -> None:
         assert branch.loc[before, "unstable"].nunique() == branch.loc[~before, "unstable"].nunique() == 1
 
 
+@pytest.mark.slow
 def test_the_branches_that_cross() -> None:
     """The same branch point is found from x^2 = +-r and from x = r; a pitchfork is not a fold."""
     down = [{"b": -1.0, "r": 0.8, "x": 0.9}, {"b": -1.0, "r": 0.8, "x": -0.9, "m": -1.7}]

@@ -107,6 +107,7 @@ def test_the_saddle_of_a_bistable_map() -> None:
     assert np.all(table["evaluations"] > table["bisections"])
 
 
+@pytest.mark.slow
 def test_a_pair_does_not_depend_on_the_others() -> None:
     """Alone, among others that diverge, and with more cuts at once: the same edge."""
     good, bad = [[1.0, 0.2], [-1.0, 0.1]], [[1.0, 0.2], [9.0, 0.0]]

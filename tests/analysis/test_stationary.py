@@ -156,6 +156,7 @@ def test_bifurcations_of_one_variable(kind: str, values: dict[str, float], start
     np.testing.assert_allclose(np.sort(rest.eigenvalues([start, 0.0])), np.sort([slope, -1.0]), atol=1e-9)
 
 
+@pytest.mark.slow("-1.0")
 @pytest.mark.parametrize("n", [-1.0, 0.7])
 def test_hopf_point_of_the_normal_form(n: float) -> None:
     """At m = 0, with l1 = 2 n / w where |q| = 1; cycles have the radius at which m + n r^2 - r^4 = 0."""

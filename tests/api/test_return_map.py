@@ -193,6 +193,7 @@ def test_a_branch_needs_one_value_for_each_point() -> None:
     assert set(ends) == {"", "range"}
 
 
+@pytest.mark.slow
 def test_an_orbit_ends_where_a_trajectory_fails() -> None:
     ball = gs.return_map(BouncingBall(), G=1.6, period=3)
     crossings = ball.orbit([0.5, -3.0])  # below the table
@@ -211,6 +212,7 @@ def test_phases_may_be_counted_by_an_integer_of_numpy() -> None:
     assert table["push_phase"].tolist() == [0.0, 0.25, 0.5, 0.75]
 
 
+@pytest.mark.slow
 def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
     hops = gs.return_map(Hopper(), omega=3.7)
     found = hops.fixed_points([[0.4, 8.3], [np.nan, 8.3]])

@@ -445,6 +445,7 @@ def test_help_comes_by_h_too(capsys: Capture) -> None:
         assert "Usage: gaitsweep" in shown[0]
 
 
+@pytest.mark.slow
 def test_no_help_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     """The line of each command in its list, and the help of each option, are whole."""
     monkeypatch.setenv("COLUMNS", "80")

@@ -134,6 +134,7 @@ def test_rows_shared_by_processes_need_locks_of_open_files(monkeypatch: pytest.M
     assert not list(Path().iterdir())
 
 
+@pytest.mark.slow
 def test_messages_name_only_pages_that_an_installation_has() -> None:
     """A wheel has no docs/; `gaitsweep examples NAME` copies the pages that messages name."""
     named = set()

@@ -66,6 +66,7 @@ def test_phases_are_pulled_by_each_other_and_by_loads() -> None:
     np.testing.assert_allclose(rates["phase"], phase_rates(), rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_load_holds_a_leg_in_stance() -> None:
     """Under a strong load a phase stops in stance, at arccos(-omega / (sigma N)), from wherever it begins."""
     oscillators = PhaseOscillators.model_validate({"kind": "phase", "omega": 9.0, "sigma": 1.0})
@@ -450,6 +451,7 @@ def test_the_height_of_a_trunk_counts_from_a_step_of_the_mjcf(tmp_path: Path) ->
     assert heights[0] - heights[1] == pytest.approx(0.05, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_order_of_legs_counts_and_that_of_their_joints_does_not(tmp_path: Path) -> None:
     """The first leg closes the cycle. Feedback reads the hips: by it, the angle 0.2 rad of hip_r adds
     3 x 0.2 / 0.05 = 12 1/s to the rate of its extensor and takes them from its flexor's."""

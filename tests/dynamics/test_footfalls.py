@@ -216,6 +216,7 @@ def test_footfalls_that_are_not_numbers_have_no_gait() -> None:
             support_patterns(at, duty, LEGS[4])
 
 
+@pytest.mark.slow
 def test_a_model_with_footfalls_has_names_limbs_and_contacts() -> None:
     model = Quadruped()
     assert fault(model) is None

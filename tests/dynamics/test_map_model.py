@@ -110,6 +110,7 @@ def test_an_atlas_finds_the_flips_of_the_logistic_map() -> None:
     np.testing.assert_allclose(sorted(set(flips.round(9))), [3.0, 1.0 + np.sqrt(6.0)], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_conserved_quantities_and_symmetries_are_known() -> None:
     mapping = gs.return_map(Turn())
     assert mapping.conserved == ["distance"]

@@ -48,7 +48,8 @@ def stick_slip_period(u: float, kinetic: float, ratio: float) -> float:
     return slip + 2.0 * drop / u
 
 
-@pytest.mark.parametrize("engine", ["kernel", pytest.param("xla", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["kernel", "xla"])
 def test_the_period_of_stick_slip(engine: str) -> None:
     belts = np.array([0.1, 0.2, 0.4])
     result = gs.sweep(

@@ -133,6 +133,7 @@ def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return partial(run_rows, engine="kernel")
 
 
+@pytest.mark.slow
 def test_sweeps_thread_by_thread(on_card: Any) -> None:
     """Crossings of the toy: lanes, blocks and devices change no bit."""
     recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}

@@ -151,6 +151,7 @@ def test_auto_takes_it_where_a_row_is_stiff(mu: list[float], method: str) -> Non
     assert Numerics().resolve(VanDerPol()).method == "tsit5"  # of which no rows are known
 
 
+@pytest.mark.slow
 def test_return_maps_have_derivatives_through_it() -> None:
     """The multiplier of Van der Pol's cycle, exp of the integral of the flow's divergence (Liouville)."""
     mapping = gs.return_map(VanDerPol(), mu=1.0, numerics={"method": "rodas5p", "rtol": 1e-10, "atol": 1e-12})

@@ -55,6 +55,7 @@ def refused(folder: Path, **changes: Any) -> str:
     return message
 
 
+@pytest.mark.slow
 def test_morris_of_simulated_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, JOB, "job.yaml")
     assert main(["sensitivity", str(file), "--out", str(tmp_path / "out"), "--set", "sensitivity.n=6"]) == 0
@@ -176,6 +177,7 @@ def test_a_mapping_may_have_arrays_and_runs() -> None:
     assert other.written == yaml.safe_load(yaml.safe_dump(other.written))
 
 
+@pytest.mark.slow
 def test_sets_do_not_depend_on_their_part(tmp_path: Path) -> None:
     file = written(tmp_path, JOB, "job.yaml")
     tables = []

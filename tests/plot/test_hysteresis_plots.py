@@ -217,6 +217,7 @@ def test_hysteresis_by_panels_and_of_many_rows() -> None:
         plot.hysteresis(map_table(starts=3), y="delta_13")
 
 
+@pytest.mark.slow
 def test_rows_of_several_parameter_values_have_a_panel_each() -> None:
     """Rows that differ in starts alone stay in one panel; too many parameter values are refused."""
     table = staircase_table(6, stairs=9, hold=1)

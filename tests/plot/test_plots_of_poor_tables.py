@@ -101,6 +101,7 @@ def test_basins_of_a_table_without_rows_say_so(spec: dict) -> None:
     assert [text.get_text() for text in axes.texts] == ["no rows yet"]
 
 
+@pytest.mark.slow("failed")
 @pytest.mark.parametrize("whole", ["none of its rows", "failed", "no numbers"])
 def test_tables_of_little_use_do_not_crash(whole: str) -> None:
     settle, crossing, trace = settle_table(), crossing_table(), trace_table()

@@ -16,6 +16,7 @@ from tests.support.hysteresis_tables import (
 from tests.support.plot_tables import legend_texts, rendered
 
 
+@pytest.mark.slow("change")
 @pytest.mark.parametrize("form", ["change", "next"])
 def test_return_map_marks_fixed_points_and_ghosts(form: str) -> None:
     table = map_table([0.0, 0.44], starts=60, crossings=60, noise=0.002)

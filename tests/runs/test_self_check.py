@@ -290,6 +290,7 @@ def judged(model: type, run: Any, **given: Any) -> dict[str, Any]:
         return gs.sweep(model, run=run, **given).manifest["self_check"]
 
 
+@pytest.mark.slow
 def test_whole_numbers_are_counts() -> None:
     """Phi is an angle, count a count as long as both runs give whole numbers."""
     model, whole = Wheel(), np.array([[3.0], [np.nan], [6.0]])
@@ -494,6 +495,7 @@ class Shear(gs.DeclaredModel):
         return 1.0 + 0.0 * p.a
 
 
+@pytest.mark.slow
 def test_transient_growth_at_a_stable_gait_is_no_instability() -> None:
     """With a = 0.5 displacements grow ten-thousandfold before they decay; with a = 1.2 they grow for good."""
     result = judged(Shear, gs.Settle(max_cycles=60), a=[0.5, 1.2])
