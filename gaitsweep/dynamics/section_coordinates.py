@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 NamedVariables = Sequence[tuple[str, Variable]]
 _CORRECTIONS = 3  # Newton steps onto the section, from states that are close to it
-# distances from the section, in units of 0.1 and of the size of each variable: of displaced states that are
-# moved onto it, and of crossings of it, also at a slightly different parameter
-_CLOSE, _ON_SECTION = 0.05, 1e-3
+_CLOSE = 0.02  # share of the nominal period from the section within which a state is moved onto it
 _FREE = (
     ("up_x", "1", "vertical component of the body's x axis"),
     ("up_y", "1", "vertical component of the body's y axis"),
@@ -59,7 +57,7 @@ class SectionCoordinates(Chart):
         state = modes.replace(**fields)
         # `complete` fixes what the section does if there are `section_coordinates`; a map has no events
         if self.model.declarations.events and not self.model.section_coordinates:
-            state = _onto_section(self.model, params, state, modes)
+            state = _onto_section(self.model, params, state)
         return self.model.begun_on_section(params, self.model.complete(params, state))
 
     @property
@@ -135,7 +133,7 @@ class BodyCoordinates(Chart):
             first += 1
         fields = _fields(self.model, self._variables(), at[first:], modes)
         state = modes.replace(q=jnp.stack(q), v=jnp.stack(v), **fields)
-        state = self.model.complete(params, _onto_section(self.model, params, state, modes))
+        state = self.model.complete(params, _onto_section(self.model, params, state))
         return self.model.begun_on_section(params, state)
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
@@ -151,55 +149,38 @@ class BodyCoordinates(Chart):
         return [(name, var) for name, var in self.model.section_variables() if name not in ("q", "v")]
 
 
-def _onto_section(model: Any, params: Any, state: Any, reference: Any) -> Any:
-    """A displaced state moved along the normal onto the surface of the section, by Newton's method.
+def _onto_section(model: Any, params: Any, state: Any) -> Any:
+    """A state close to the section moved along the normal onto its surface, by Newton's method.
 
     A displaced state below that surface would cross it again at once, which is not the return next to that of
-    the state itself. States stay where they are if several events close cycles, or if the jump of the one
-    that does leaves its surface, as one does that sets a phase back. So do a state that is not displaced,
-    one that is not close to the surface, and those beside a state that is not on it: they are starts, whose
-    return is their first crossing.
-
-    Args:
-        model, params: the model and its parameters.
-        state: the state.
-        reference: the state from which it is displaced, a crossing of the section or a start.
+    the state itself. A state farther away is a start, whose return is its first crossing: it stays where it
+    is. So do all states if several events close cycles, or if the jump of the one that does leaves its
+    surface, as one does that sets a phase back.
     """
     sections = [event for event in model.single_events() if event.is_section]
     if len(sections) != 1:
         return state
     section = sections[0]
-    names = [name for name, _ in model.section_variables()]
-    at, own = ({name: getattr(each, name) for name in names} for each in (state, reference))
-    moved_at = _at_height_zero(lambda x: section.height(model, params, state.replace(**x)), at)
-    own_moved = _at_height_zero(lambda x: section.height(model, params, reference.replace(**x)), own)
-    is_displaced = _distance(at, own) > 0.0
-    are_close = (_distance(at, moved_at) <= _CLOSE) & (_distance(own, own_moved) <= _ON_SECTION)
-    moved = state.replace(**moved_at)
-    moves = is_displaced & are_close
-    if section.jumps:
-        surface = Surfaces(model, params, moved).of(section)
-        after = section.height(model, params, section.jumped(model, params, moved))
-        moves &= jnp.abs(after) <= jnp.abs(surface.height) + surface.rounding
-    return jax.tree.map(lambda new, old: jnp.where(moves, new, old), moved, state)
 
+    def height(at: Mapping[str, Array]) -> Float[Array, ""]:
+        return section.height(model, params, state.replace(**at))
 
-def _at_height_zero(
-    height: Callable[[Mapping[str, Array]], Float[Array, ""]], at: Mapping[str, Array]
-) -> dict[str, Array]:
-    """Variables moved along the gradient of a height to where it is 0, from close to that."""
+    surfaces = Surfaces(model, params, state)
+    seen = surfaces.of(section)
+    reach = _CLOSE * jnp.abs(model.period(params) * surfaces.rate(section))
+    moves = jnp.abs(seen.height) <= reach + seen.rounding
+    at = {name: getattr(state, name) for name, _ in model.section_variables()}
     for _ in range(_CORRECTIONS):
         above, normal = jax.value_and_grad(height)(at)
         square = sum(jnp.sum(slope * slope) for slope in normal.values())
         share = above / jnp.where(square > 0.0, square, 1.0)
         at = {name: value - share * normal[name] for name, value in at.items()}
-    return dict(at)
-
-
-def _distance(one: Mapping[str, Array], other: Mapping[str, Array]) -> Float[Array, ""]:
-    """The largest distance between variables, in units of 0.1 and their size."""
-    apart = [jnp.max(jnp.abs(one[name] - other[name]) / (0.1 + jnp.abs(one[name]))) for name in one]
-    return jnp.max(jnp.stack(apart))
+    moved = state.replace(**at)
+    if section.jumps:
+        surface = Surfaces(model, params, moved).of(section)
+        after = section.height(model, params, section.jumped(model, params, moved))
+        moves &= jnp.abs(after) <= jnp.abs(surface.height) + surface.rounding
+    return jax.tree.map(lambda new, old: jnp.where(moves, new, old), moved, state)
 
 
 def _quantities(model: Any, variables: NamedVariables) -> tuple[Quantity, ...]:
