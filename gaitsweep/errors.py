@@ -8,6 +8,8 @@ An error of one room is defined there, such as `TableError` (`table/atomic_files
 from __future__ import annotations
 
 import contextlib
+import functools
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -24,7 +26,11 @@ EXIT_STRICT = 3  # with `--strict`: complete, but the self-check warns or a clai
 EXIT_STOPPED = 130  # Ctrl-C: 128 and the number of SIGINT
 EXIT_TERMINATED = 143  # 128 and the number of SIGTERM
 
-_BELOW = (str(Path(__file__).parent), contextlib.__file__)  # code between the user's line and a warning
+_BELOW = (
+    f"{Path(__file__).parent}{os.sep}",
+    contextlib.__file__,
+    functools.__file__,
+)  # code between the user's line and a warning
 _MAX_ERRORS = 5  # in the message of a job
 
 

@@ -284,10 +284,8 @@ def _hint(text: str) -> str:
         return "; equality is written =="
     if product := re.search(r"(?<![\w.])(\d+\.?\d*)\s*((?!(?:and|or)\b|e[-+]?\d)[A-Za-z_]\w*|\()", text):
         number, name = product.groups()
-        in_unit = (
-            "" if name == "(" else f"; or leave a unit away, {number}, with the number in the field's unit"
-        )
-        return f"; write a product with a star, {number}*{name}{in_unit}"
+        unit = "" if name == "(" else f", or, if {name} is a unit, {number} alone, in the unit of the field"
+        return f"; write a product with a star, {number}*{name}{unit}"
     return ""
 
 

@@ -76,8 +76,8 @@ def attach_stub(package: str, file: str) -> LazyModule:
 class NoAttributeError(AttributeError):
     """A package does not have the public name that was asked for; the message has the nearest one.
 
-    The near miss takes time and is of use to readers alone: `from package import module` asks for the
-    attribute before the module.
+    `from package import module` raises it too, before it imports the module. So the near miss, which takes
+    time, is found only when the message is shown.
     """
 
     def __init__(self, package: str, name: str) -> None:

@@ -258,9 +258,9 @@ def _require_columns(frames: Sequence[pd.DataFrame], *, axes_only: bool) -> None
 
 
 def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse settled rows of the same parameters and start whose jobs differ in limits or numerics alone.
+    """Refuse rows of kind settle of the same parameters and start, whose jobs differ in limits or numerics.
 
-    A column of the user's own, such as one of the tolerance, tells such rows apart.
+    A column of the user's own, such as a name of each table, tells such rows apart.
 
     Raises:
         ArgumentError: with the fields that differ.
@@ -280,11 +280,10 @@ def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Map
     names = [name for name in dict.fromkeys(itertools.chain(*inputs)) if name != "row"]
     starts = pd.concat([frame.reindex(columns=names).drop_duplicates() for frame in frames])
     if starts.duplicated().any():
-        column = differing[0].partition(".")[2]
         raise ArgumentError(
-            "Rows of these tables have the same parameters and start and would count twice: they differ in "
-            f"{', '.join(differing)} alone. Give each table a column that tells them apart, such as "
-            f"table.assign({column}={settings[0].get(differing[0])!r})."
+            "Rows of these tables have the same parameters and start and would count twice: they differ only "
+            f"in {', '.join(differing)}. Give each table a column that tells them apart, such as "
+            "table.assign(limits='long')."
         )
 
 

@@ -69,7 +69,7 @@ class Reproduction:
     Args:
         table: a row for each claim.
         folder: the folder of the files of `reproduce`.
-        failed: whether a job failed.
+        failed: whether a job failed, or a claim asks for what its jobs do not have.
     """
 
     table: pd.DataFrame
@@ -148,6 +148,7 @@ class _PaperRun:
     on_message: Callable[[str], None]
     runs: dict[str, JobRun] = dataclasses.field(default_factory=dict)
     _tables: dict[str, pd.DataFrame] = dataclasses.field(default_factory=dict)
+    _has_wrong_question: bool = False
 
     @functools.cached_property
     def sources(self) -> dict[str, _JobSource]:
@@ -173,7 +174,8 @@ class _PaperRun:
         _write(folder, TABLE, lambda file: stored.to_parquet(file, index=False, write_page_checksum=True))
         text = page(paper.paper, table, list(self.runs.values()), quick=self.quick)
         _write(folder, PAGE, lambda file: file.write(text.encode()))
-        return Reproduction(table, folder, failed=any(run.path is None for run in self.runs.values()))
+        failed = self._has_wrong_question or any(run.path is None for run in self.runs.values())
+        return Reproduction(table, folder, failed=failed)
 
     def _run(self, name: str) -> JobRun:
         """Run one job, or continue it; errors are stored as sentences."""
@@ -219,6 +221,7 @@ class _PaperRun:
             ours = plain_value(MEASURES[claim.measure](*map(self._table, claim.of), **claim.with_))
         except (ArgumentError, ColumnError, ExpressionError, ModelError) as error:
             # the question is wrong, not the answer
+            self._has_wrong_question = True
             return _Judgement(None, ClaimVerdict.not_run, f"it cannot be measured: {error.sentence}")
         except (UserError, ArithmeticError, LookupError, TypeError, ValueError) as error:
             # the tables exist but lack the value: rows that fell have no cycles for a mean

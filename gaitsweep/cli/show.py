@@ -54,7 +54,7 @@ def estimate(needs: Estimate) -> str:
         rows = f"{needs.self_check_rows} row{'s' * (needs.self_check_rows != 1)}"
         check = f"about {duration(needs.self_check_s)} for the self-check of {rows}"
         if needs.unsettled_reruns:
-            check += f", without up to {needs.unsettled_reruns} more that end as cycle_limit"
+            check += f" (rows that end as cycle_limit add up to {needs.unsettled_reruns} reruns)"
         time += f"; of these {check} (`verify: 0` turns it off)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     lines = {"rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}"}

@@ -207,7 +207,8 @@ def moving_operations(model: HybridModel, params: Params, state: State) -> set[s
 def curving_operation(model: HybridModel, params: Params, state: State) -> str | None:
     """JAX's name of an operation by which the flow is not affine between switches, or None.
 
-    Operations inside of loops and branches are not found.
+    Operations inside of loops, branches and functions with derivatives of their own are not found, nor any in
+    a flow whose state has no names of its fields.
 
     Args:
         model: the model.
@@ -218,7 +219,12 @@ def curving_operation(model: HybridModel, params: Params, state: State) -> str |
         return None
     with jax.disable_jit():
         closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
-    moving = _moving(closed.jaxpr, state, rates, between_switches=True)
+    leaves = zip(jax.tree_util.tree_leaves_with_path(rates), closed.jaxpr.outvars, strict=True)
+    # a constant variable has the rate 0.0
+    varying = {
+        path[0].key: None for (path, _), rate in leaves if not (isinstance(rate, Literal) and rate.val == 0.0)
+    }
+    moving = _moving(closed.jaxpr, state, varying, between_switches=True)
     return next(
         (equation.primitive.name for equation, places in moving if _is_curved(equation, places)), None
     )

@@ -323,7 +323,8 @@ class FixedPoint(Measure):
         for k in np.flatnonzero(np.isnan(measured)):
             outcome = NewtonOutcome(fixed_points.outcome[k]).sentence.removesuffix(".")
             reason = outcome if has_crossed[k] else ReturnStatus(statuses[k]).name
-            why[k] = f"no fixed point found ({reason})"
+            is_fixed = has_crossed[k] and fixed_points.fixed[k]
+            why[k] = f"no {self.of_} at the fixed point" if is_fixed else f"no fixed point found ({reason})"
         return Measured(measured, why)
 
     @property

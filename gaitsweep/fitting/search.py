@@ -363,7 +363,8 @@ class _Search:
             if not np.array_equal(np.asarray(frame[name]), np.asarray(_plain(column))):
                 raise TableError(
                     f"The sets in {self.directory.path} differ from this search's from row {first} on: "
-                    "it was begun on another machine. Continue it there, or start again with --out."
+                    "it was begun on another machine or by another version. Continue it there, or start again"
+                    " with --out."
                 )
         return frame
 

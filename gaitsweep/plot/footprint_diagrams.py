@@ -25,6 +25,7 @@ from gaitsweep.schema.numbers import Flag, Text
 from gaitsweep.skeleton import Limb, LimbLook
 
 _NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
+_EQUALLY_FAR = 1e-6  # cycles: of two swings as far as that from a third neither is the nearer one
 _NEAR_FREE = 0.55  # cycles: the same at a link whose lag is free
 _OF_SWING = 0.5  # least duration of a swing, as a share of the leg's longest one
 _OF_CYCLE = 1.0 / 8.0  # longest loss of contact within a stance, as a share of the cycle
@@ -277,9 +278,10 @@ def _is_regular(gaps: Float[np.ndarray, " gaps"]) -> bool:
     return bool(_near_median(gaps).mean() >= _REGULAR)
 
 
-def _nearest(times: Float[np.ndarray, " times"], time: float) -> float:
-    """The time that is nearest to another one."""
-    return float(times[np.abs(times - time).argmin()])
+def _nearest(times: Float[np.ndarray, " times"], time: float, equal: float) -> float:
+    """The time that is nearest to another one, the last of those that are so up to `equal`."""
+    apart = np.abs(times - time)
+    return float(times[np.flatnonzero(apart <= apart.min() + equal)[-1]])
 
 
 def _guides(
@@ -287,7 +289,7 @@ def _guides(
 ) -> set[str]:
     """Join each swing to the next leg's nearest one; returns the directions of the waves that occur.
 
-    Of legs that stumble no swing is joined twice: two are joined if each is the nearest of the other. The
+    Two swings are joined if none is nearer to either, so that those of a leg that stumbles are left out. The
     swings of the link `free` (from 1; None if the model leaves no link free) are joined whatever their lag;
     `middles` (s) are those of the swings of each leg.
     """
@@ -298,8 +300,9 @@ def _guides(
         is_free = row + 1 == free
         reach = (_NEAR_FREE if is_free else _NEAR) * period
         for middle in swings:
-            nearest = _nearest(next_swings, middle)
-            if abs(nearest - middle) > reach or _nearest(swings, nearest) != middle:
+            nearest = _nearest(next_swings, middle, _EQUALLY_FAR * period)
+            nearer = np.abs(swings - nearest).min() < abs(middle - nearest) - _EQUALLY_FAR * period
+            if abs(nearest - middle) > reach or nearer:
                 continue
             direction = _BACKWARDS if nearest > middle else _FORWARDS
             wave = _FREE if is_free else direction

@@ -108,13 +108,13 @@ class ConcurrentSelfCheck:
         return table
 
     def _comparable_rows(self, rerun: RerunRows) -> Int[np.ndarray, " rows"]:
-        """Evenly spread rows whose ends can be compared, if none of the rerun rows has such an end."""
+        """Evenly spread rows that ended soundly, if none of the rerun rows did; no more than those."""
         result = rerun.result
         at_ends = self._context.job.run.compared != "crossings"
         if not (at_ends and isinstance(result, RowOutcome)) or _COMPARABLE.among(result.status).any():
             return np.zeros(0, np.int64)
         rows = np.setdiff1d(self._rows_with({"status": sorted(_COMPARABLE)}), rerun.rows)
-        return rows[np.linspace(0, rows.size - 1, min(LEAST_ROWS, rows.size)).astype(int)]
+        return rows[np.linspace(0, rows.size - 1, min(LEAST_ROWS, self._rows, rows.size)).astype(int)]
 
     def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
         """The rows that ended as `cycle_limit`, none of them pushed."""

@@ -44,7 +44,8 @@ SAME = 1e-3
 DISPLACEMENT = 1e-6  # of the scale of each coordinate
 # At a stable gait a displacement may grow a thousandfold before it decays. So the states that left are
 # displaced again, by a share `SMALLER` of that, and followed for `REACH` times as many crossings: at an
-# unstable gait they leave again, since they grow at the same rate.
+# unstable gait they leave again, since they grow at the same rate, or the state itself leaves, which rests
+# beside the gait and not on it.
 SMALLER = 1e-3
 REACH = 2
 DIRECTIONS = 3  # in which each state is displaced
@@ -74,10 +75,10 @@ MIN_CROSSINGS = 40
 MIN_BUDGET = 4000
 MAX_STATES = 64
 # A sign of symmetry that all records have may be due to the section, such as the phase that defines it: then
-# the next crossings of displaced starts have it too. Those of `PROBED_ROWS` rows are displaced by
-# `START_DISPLACEMENT` of the scale of each coordinate.
+# the next crossings of displaced starts have it too. They do so as well on a gait that attracts strongly, so
+# up to `PROBED_ROWS` rows are displaced, by `START_DISPLACEMENT` of the scale of each coordinate.
 START_DISPLACEMENT = 1e-3
-PROBED_ROWS = 2
+PROBED_ROWS = 64
 
 
 def unstable_rests(
@@ -135,7 +136,9 @@ def unstable_rests(
     follow = _following(mapping, deciding)
     telling = ~np.all(signs, axis=0)
     if not telling.all():
-        probed = suspects.iloc[np.unique(suspects["place"], return_index=True)[1][:PROBED_ROWS]]
+        first_of_rows = np.unique(suspects["place"], return_index=True)[1]
+        spread = np.linspace(0, first_of_rows.size - 1, min(PROBED_ROWS, first_of_rows.size)).astype(int)
+        probed = suspects.iloc[first_of_rows[spread]]
         points = _starting_points(context, mapping, rows[probed["place"]], shape)
         telling |= ~_signs_by_the_section(mapping, follow, points, values_at(probed))
         suspects = records.iloc[np.flatnonzero(unmoved | signs[:, telling].any(axis=1))]
@@ -503,6 +506,9 @@ class _DisplacedStates:
             distances.append(distance)
             if number >= max(self._period, self._scattered_until):
                 self._left |= (distance > self._left_at).any(axis=0)
+                if self._reach > 1 and number % self._period == 0:
+                    gone = self._mapping.distance(self._points.at[followed], at[0])
+                    self._left[followed] |= gone > self._left_at[followed]
                 away = np.any(distance > RETURNED * distances[0], axis=0)
                 now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
                 now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))

@@ -58,9 +58,7 @@ def test_a_start_that_settles_within_two_limits_does_not_count_twice() -> None:
     for table, most in ((few, 3), (many, 100)):
         table.attrs["job"]["run"]["max_cycles"] = most
         table.attrs["quantities"] |= {key: {"unit": "1"} for key in ("x_0", "status", "gait")}
-    with pytest.raises(
-        gs.ArgumentError, match=r"differ in run.max_cycles alone.*table.assign\(max_cycles=3\)"
-    ):
+    with pytest.raises(gs.ArgumentError, match=r"differ only in run.max_cycles\..*table.assign\("):
         gs.concat(few, many)
     assert len(gs.concat(few.loc[few["row"] == 1], many)) == 2
     assert gs.concat(few.assign(most=3), many.assign(most=100))["most"].tolist() == [3, 3, 100]

@@ -116,8 +116,8 @@ def test_a_job_without_its_config_does_not_affect_others(table_of_claims: Path, 
     result = reproduce(read_paper(table_of_claims), tmp_path / "out").table.set_index("id")
     assert result["verdict"][["all_settle", "of_lost"]].tolist() == ["reproduced", "not run"]
     assert result["constants"][["all_settle", "of_lost"]].tolist() == ["defaults", ""]
-    # nor does a measure that does not fit the table
-    assert result.loc["not_there", "verdict"] == "not"
+    # nor does a measure that does not fit the table: its claim has no verdict
+    assert result.loc["not_there", "verdict"] == "not run"
     assert "tau is not a column" in result.loc["not_there", "why"]
 
 

@@ -92,7 +92,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (3, "params: {mass: 010}", ["line 3", 'params.mass is "010"', "base 8", "without the leading zero"]),
     (3, "params: {mass: 2020-11-12}", ["line 3", "params.mass", "is a date, not a number"]),
     (3, "params: {mass: '1,5'}", ["line 3", "params.mass", "decimal point", "dot"]),
-    (3, "params: {mass: 2 kg}", ["line 3", "params.mass is not a number", "leave a unit away, 2"]),
+    (3, "params: {mass: 2 kg}", ["line 3", "params.mass is not a number", "if kg is a unit, 2 alone"]),
     (3, "params: {mass: 2pi}", ["line 3", "params.mass", "2*pi"]),
     (3, "params: {mass: 2*stifness}", ["line 3", "params.mass uses stifness", "did you mean stiffness?"]),
     (

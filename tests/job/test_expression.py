@@ -153,7 +153,7 @@ def test_tracers_keep_their_precision() -> None:
         ("2*m_b", "did you mean m_B?"),
         ("sine(1)", "did you mean sin?"),
         ("2pi", "2*pi"),
-        ("2 ms", "leave a unit away, 2"),
+        ("2 ms", "if ms is a unit, 2 alone"),
         ("2(3)", "star"),
         ("kappa^2", "**"),
         ("1,5", "a decimal point is a dot"),

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from gaitsweep import plot
 from gaitsweep.plot import FIGURES
+from gaitsweep.plot.footprint_diagrams import _guides
 from gaitsweep.plot.provenance_marks import remarks
 from tests.support.hysteresis_tables import map_table, ramp_table, staircase_table
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
@@ -178,6 +179,13 @@ def test_cells_that_were_not_simulated_are_counted_in_the_legend() -> None:
 def test_footprints_name_only_the_guides_that_are_drawn() -> None:
     words = [text.get_text() for text in plot.footprints(trace_table()).legends[0].get_texts()]
     assert words == ["swings pass backwards, as in a retrograde wave"]
+
+
+def test_swings_half_a_cycle_apart_are_joined_one_by_one() -> None:
+    axes = Figure().add_subplot()
+    swings = np.arange(6.0)
+    assert len(_guides(axes, [swings, swings + 0.5], 1.0, free=1)) == 1
+    assert [np.asarray(line.get_xdata())[1] for line in axes.lines] == (swings + 0.5).tolist()
 
 
 def branch(row: int, mass: float, low: float, high: float, gait: str = "trot") -> pd.DataFrame:

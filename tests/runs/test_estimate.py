@@ -72,7 +72,8 @@ def test_the_self_check_counts() -> None:
     needs = estimate(job)
     assert needs.self_check_rows == 3
     assert needs.compile_s < needs.self_check_s < needs.seconds - needs.compile_s
-    assert "self-check of 3 rows, without up to 3 more that end as cycle_limit" in show.estimate(needs)
+    words = "self-check of 3 rows (rows that end as cycle_limit add up to 3 reruns)"
+    assert words in show.estimate(needs)
     assert (
         needs.seconds_most > needs.seconds + needs.compile_s
     )  # the reruns of these have programs of their own

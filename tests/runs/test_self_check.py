@@ -503,6 +503,35 @@ def test_transient_growth_at_a_stable_gait_is_no_instability() -> None:
     assert result["unstable_first"] == {"row": 1, "a": 1.2}
 
 
+class Limited(gs.DeclaredModel):
+    """The map x -> m x / sqrt(1 + x^2 / 5) of an angle, with an unstable fixed point at 0 where m > 1."""
+
+    m = gs.parameter("1", "multiplier", 1.05)
+    x = gs.variable("rad", "angle", 0.0, circular=True)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": 0.0 * s.x, "clock": 1.0}
+
+    @gs.event("1 s is over", section=True)
+    def tick(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @tick.jump
+    def image(self, p: Any, s: Any) -> Any:
+        return s.replace(x=p.m * s.x / jnp.sqrt(1.0 + 0.2 * s.x**2), clock=s.clock - 1.0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.m
+
+
+@pytest.mark.slow
+def test_a_row_beside_an_unstable_gait_is_marked() -> None:
+    """The row itself leaves before its copies, which are displaced by less, are far from it."""
+    assert judged(Limited, gs.Settle(max_cycles=60), m=[1.05], x_0=1e-7)["unstable"] == 1
+    assert judged(Limited, gs.Settle(max_cycles=60), m=[0.95], x_0=1e-7)["unstable"] == 0
+
+
 class Pair(gs.DeclaredModel):
     """An oscillator whose phase defines the section, and one that follows it: in phase if they are alike."""
 
@@ -532,6 +561,10 @@ def test_the_phase_of_the_section_is_no_sign_of_symmetry(monkeypatch: pytest.Mon
     settle = gs.Settle(max_cycles=60)
     result = judged(Pair, settle, K=[-0.2, 0.2])
     assert (result["unstable"], result["unstable_first"]) == (1, {"row": 0, "K": -0.2})
+    result = judged(
+        Pair, settle, K=[30.0, 25.0, -0.2]
+    )  # the first two attract their displaced starts at once
+    assert (result["unstable"], result["unstable_first"]) == (1, {"row": 2, "K": -0.2})
 
     def follows(*_: Any) -> Any:
         raise AssertionError("no row rests on a symmetric gait")
