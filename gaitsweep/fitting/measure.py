@@ -142,9 +142,11 @@ def error_of_column(formula: str, columns: Sequence[str], ordered: Model | None 
     Args:
         formula: the column or formula.
         columns: the columns of the table.
-        ordered: the model, for a measure that compares values, so that angles of the model are refused.
+        ordered: the model, for a measure that compares values, so that its observables that are angles, and
+            angles of its labels, are refused; a parameter may be an angle.
     """
-    if ordered is not None and _is_angle(formula, ordered):
+    is_parameter = ordered is not None and formula in {quantity.name for quantity in ordered.parameters}
+    if ordered is not None and not is_parameter and _is_angle(formula, ordered):
         return "of", f"is {formula}, an angle, and angles on the circle have no order and no middle."
     numeric_columns = _numeric_columns(columns)
     if formula in numeric_columns:

@@ -105,7 +105,7 @@ def order_sets(
 ) -> tuple[frozenset[int], frozenset[int]]:
     """T_1 and T_2: legs in front of and behind the boundary leg that touch down before both neighbours.
 
-    In a chain that is not uniform these are the legs of `reset_sets` that touch down first.
+    Of other chains take the legs of `reset_sets` that touch down first, without the boundary leg.
 
     Args:
         N, branch, chain: as in `rule_of`.
