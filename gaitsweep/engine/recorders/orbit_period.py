@@ -77,7 +77,7 @@ def orbit_period(
     return period
 
 
-def over_periods(moved: Crossings) -> Crossings:
+def over_periods(moved: Crossings) -> Float[Array, "1 observables"]:
     """The largest changes (1, n) from earlier crossings, on an orbit of several from whole periods earlier.
 
     A row is on an orbit if these changes are `ORBIT_SEPARATION` times smaller than the others.
