@@ -56,7 +56,8 @@ def lines_of(pairs: int, options: Options) -> Iterator[Line]:
         return float(np.max(np.abs(ends[few[:, 0], few[:, 1]] - right)))
 
     if on_card and installed("cubie") is not None:
-        yield cubie_line(x, mu, error, options.repeats)
+        for precision in (np.float32, np.float64):
+            yield cubie_line(x, mu, precision, error, options.repeats)
     elif on_card:
         yield Line("CuBIE", note="not installed: pip install 'cubie[cuda13]'")
     else:
@@ -83,12 +84,13 @@ def reference(x: float, mu: float) -> float:
     return float(run.y[0, -1])
 
 
-def cubie_line(x: Array, mu: Array, error: Any, repeats: int) -> Line:
-    """The line of CuBIE, which also returns the state at the start."""
+def cubie_line(x: Array, mu: Array, precision: type, error: Any, repeats: int) -> Line:
+    """The line of CuBIE in one precision (float32 is its default); it also returns the state at the start."""
     cubie = installed("cubie")
     system = cubie.create_ODE_system(
-        ["dx = v", "dv = mu * (1 - x*x) * v - x"], states={"x": 1.0, "v": 0.0}, parameters={"mu": 1.5}
-    )
+        ["dx = v", "dv = mu * (1 - x*x) * v - x"],
+        precision=precision, states={"x": 1.0, "v": 0.0}, parameters={"mu": 1.5},
+    )  # fmt: skip
 
     def run() -> Any:
         return cubie.solve_ivp(
@@ -98,5 +100,7 @@ def cubie_line(x: Array, mu: Array, error: Any, repeats: int) -> Line:
 
     run()  # compiles
     result, cpu, clock = timed(run, repeats)
-    ends = np.asarray(result.time_domain_array)[-1, 0].reshape(len(x), len(mu))
-    return Line(f"{version_of('cubie')}, rk45, rtol 0.001", cpu, clock, error(ends), NO_EVENTS)
+    place = list(result.time_domain_legend.values()).index("x")
+    ends = np.asarray(result.time_domain_array)[-1, place].reshape(len(x), len(mu))
+    name = f"{version_of('cubie')}, rk45, rtol 0.001, {precision.__name__}"
+    return Line(name, cpu, clock, error(ends), NO_EVENTS)

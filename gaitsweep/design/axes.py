@@ -145,7 +145,7 @@ class ListAxis:
             ExpressionError: a formula has no value.
         """
         points = self._plain[index]
-        for place in np.intersect1d(index, list(self._formula_at)):
+        for place in np.intersect1d(index, list(self._formula_at)) if self._formula_at else ():
             formula = self._formula_at[place]
             mask = index == place
             used = {}

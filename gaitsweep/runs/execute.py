@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from gaitsweep.runs.cluster.dispatch import Cluster
 
 RESULTS = Path("results")
-# Rows of a table that stays in memory as it is made; the parts of a larger one wait on disk, compressed.
-_MOST_IN_MEMORY = 65_536
 # Cycles of all rows up to which a kernel is not optimised. The optimised one takes some four times as long to
 # compile, and is up to twice as fast: of the hopper 0.4 s, half the time of some 20 000 cycles.
 _CYCLES_OF_QUICK_KERNEL = 10_000
@@ -160,7 +158,7 @@ def table_in_memory(
 ) -> pd.DataFrame:
     """Run a job and return its table, with units and manifest in `.attrs`; an interrupt loses all rows.
 
-    Large tables, rounds of a refined run and workers of a cluster need a directory, which is temporary.
+    Rounds of a refined run and workers of a cluster need a directory, which is temporary.
 
     Args:
         job: the job.
@@ -171,8 +169,7 @@ def table_in_memory(
     Raises:
         RunError, TableError: as `run_job`.
     """
-    small = job.design.n_rows <= _MOST_IN_MEMORY
-    if small and cluster is None and job.run.refined(job.design) is None:
+    if cluster is None and job.run.refined(job.design) is None:
         with held_contents():
             context = prepare(job)
             memory = MemoryTable(job.resolved(engine=context.engine), context.layout)

@@ -34,7 +34,7 @@ def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
     numerics = Numerics(method="semi_implicit").resolve(model)
     kernel = kernel_of(model, CrossingRecorder(model, crossings=10), numerics, None)
     card = CudaDevice(0)
-    source = gpu_program.run_kernel(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title)
+    source = gpu_program.run_kernel(kernel.chunk, range(kernel.chunk.first_of_carry), kernel.title).source
     threads = card.threads(card.module(source).get_kernel("run"))
     assert threads == 2 * gpu_program.THREADS * card.use().properties.multiprocessor_count
 

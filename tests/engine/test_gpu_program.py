@@ -14,9 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gaitsweep.cache_folder import cache_folder
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
-from gaitsweep.engine.kernel import cuda_lanes, philox
+from gaitsweep.engine import stored_traces
+from gaitsweep.engine.kernel import cuda_lanes, lanes, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
@@ -25,6 +27,7 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.stored_traces import dependences
 from gaitsweep.engine.sweep import engine_choice
+from gaitsweep.examples.hopper import Hopper
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.status import Status
 from plane_maps import Logistic
@@ -139,6 +142,24 @@ def test_sweeps_thread_by_thread(on_card: Any) -> None:
     recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}
     one = on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7)
     same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=3, devices=2, block=5))
+
+
+def test_a_known_model_is_not_traced_for_a_card(
+    on_card: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second process reads its kernels, whose rows vary in one parameter, from the cache."""
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(stored_traces, "cache_folder", cache_folder)
+    monkeypatch.setattr(lanes, "kernel_of", lanes.Kernel)  # not kept between runs
+
+    def run() -> Any:
+        params, starts = {"omega": np.array([11.0, 12.0, 13.0])}, {"launch_0": np.full(3, 1.3)}
+        recorder = CrossingRecorder(Hopper(), crossings=5)
+        return on_card(Hopper(), recorder, starts, params=params, numerics=NUMERICS, lanes=4)
+
+    traced = run()
+    monkeypatch.setattr(lanes, "chunk_of", lambda *_: pytest.fail("the model is traced again"))
+    same(traced, run())
 
 
 def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import final
 
 import jax
@@ -14,6 +14,7 @@ from gaitsweep.contract import Params
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
 from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
+from gaitsweep.engine.kernel.gpu_program import LaneKernels, RunKernel
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.stored_traces import dependences
@@ -22,11 +23,25 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
 
 
-# cached, since each group of lanes, and those of a self-check, would print it again
+# Cached, since each group of lanes, and those of a self-check, would print them again.
 @lru_cache(maxsize=16)
-def _run_source(kernel: Kernel, varying: frozenset[int]) -> str:
-    """The source of the kernel that advances trajectories."""
-    return gpu_program.run_kernel(kernel.chunk, varying, kernel.title)
+def _lane_kernels(kernel: Kernel, read_slots: tuple[int, ...]) -> LaneKernels:
+    """The kernels that fill lanes and collect their slots `read_slots`."""
+
+    def lane_kernels() -> LaneKernels:
+        return gpu_program.lane_kernels(kernel.chunk, read_slots, kernel.title)
+
+    return LaneKernels(*kernel.stored("lanes_on_card", lane_kernels))
+
+
+@lru_cache(maxsize=16)
+def _run_kernel(kernel: Kernel, varying: frozenset[int]) -> RunKernel:
+    """The kernel that advances trajectories, some of whose slots vary between rows."""
+
+    def run_kernel() -> RunKernel:
+        return gpu_program.run_kernel(kernel.chunk, varying, kernel.title)
+
+    return RunKernel(*kernel.stored("run_on_card", run_kernel, tuple(sorted(varying))))
 
 
 @lru_cache(maxsize=16)
@@ -34,6 +49,12 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
     """The slots of a trajectory's constants that depend on parameters with these names."""
     if not names:
         return frozenset()
+    compute = partial(_varying_slots, kernel, names)
+    return frozenset(kernel.stored("varying_slots", compute, tuple(sorted(names))))
+
+
+def _varying_slots(kernel: Kernel, names: frozenset[str]) -> list[int]:
+    """The slots of `varying_slots`, traced."""
 
     def constants(
         values: Mapping[str, Float[Array, " ..."]], starts: Mapping[str, Float[Array, ""]]
@@ -42,11 +63,12 @@ def varying_slots(kernel: Kernel, names: frozenset[str]) -> frozenset[int]:
 
     leaves = jax.tree.leaves(kernel.chunk.constants)
     dependent = dependences(constants, *kernel.shapes)
-    slots: set[int] = set()
-    for leaf, names_of_leaf in zip(leaves, dependent, strict=True):
-        if names_of_leaf & names:
-            slots.update(range(leaf.first, leaf.first + leaf.size))
-    return frozenset(slots)
+    return [
+        leaf.first + i
+        for leaf, names_of_leaf in zip(leaves, dependent, strict=True)
+        if names_of_leaf & names
+        for i in range(leaf.size)
+    ]
 
 
 @final
@@ -61,23 +83,22 @@ class CudaLanes(KernelLanes):
     def __init__(self, spec: SweepSpec, device: Device) -> None:
         super().__init__(spec)
         self.card = CudaDevice(getattr(device, "local_hardware_id", None) or 0)
-        self.chunk = self.kernel.chunk
         self._contraction = spec.numerics.contraction
         self._read_slots = [leaf.first + i for leaf in self.kernel.leaves.values() for i in range(leaf.size)]
-        source = gpu_program.lane_kernels(self.chunk, self._read_slots, self.kernel.title)
-        module = self.card.module(source, contraction=self._contraction)
+        self._lane_kernels = _lane_kernels(self.kernel, tuple(self._read_slots))
+        module = self.card.module(self._lane_kernels.source, contraction=self._contraction)
         self._put = module.get_kernel("put")
         self._collect = module.get_kernel("collect")
         self._trajectory = module.get_kernel("trajectory")
         self._uniform = UniformConstants(varying_slots(self.kernel, spec.varied))
-        n_slots = self.chunk.n_slots
+        n_slots = self._lane_kernels.slots
         size = self.size
-        width = self.chunk.width
+        width = self.kernel.width
         self._slots = DeviceArray(self.card, (n_slots, size))
         self._samples = DeviceArray(self.card, (BUFFER, size, width))
         self._output = DeviceArray(self.card, (max(len(self._read_slots) * size, n_slots),))
         self._queue = DeviceArray(self.card, (2,))
-        self._entries = DeviceArray(self.card, (size, gpu_program.entry_width(self.chunk)))
+        self._entries = DeviceArray(self.card, (size, self._lane_kernels.entry))
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()
@@ -98,14 +119,14 @@ class CudaLanes(KernelLanes):
         self._entries.to_card(entries.size)
         self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
         self._under_way |= fresh
-        if self._uniform.differs(opened.slots[:, : self.chunk.first_of_carry]):
-            n_slots = self.chunk.n_slots
+        if self._uniform.differs(opened.slots[:, : self._lane_kernels.constants]):
+            n_slots = self._lane_kernels.slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, int(lanes[0]), self._output)
             slots = self._output.from_card(n_slots)
-            source = _run_source(self.kernel, self._uniform.varying)
-            module = self.card.module(source, contraction=self._contraction)
-            uniform = gpu_program.uniform_bytes(self.chunk, self._uniform.varying, slots)
-            if uniform:
+            kernel = _run_kernel(self.kernel, self._uniform.varying)
+            module = self.card.module(kernel.source, contraction=self._contraction)
+            if kernel.uniform:
+                uniform = gpu_program.uniform_bytes(kernel.uniform, slots)
                 self.card.set_constant(module, "uniform", uniform)
             self.run = module.get_kernel("run")
             self.at_a_time = min(self.size, self.card.threads(self.run))
@@ -126,7 +147,7 @@ class CudaLanes(KernelLanes):
         """Let each thread make up to `polls * POLL_INTERVAL` attempts, of running lanes in turn."""
         self.card.use()
         size = self.size
-        width = self.chunk.width
+        width = self.kernel.width
         self.advance(polls)
         self.card.launch(self._collect, size, self._slots, size, self._queue, self._output)
         values = self._output.from_card(len(self._read_slots) * size).reshape(-1, size)

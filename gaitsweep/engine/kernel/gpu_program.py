@@ -12,6 +12,7 @@ the chain's rk4 instead of 70).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -127,14 +128,47 @@ KERNEL void run(double* S, double* samples, index n, double* queue, index polls,
 """
 
 
-def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> str:
-    """Write the source of the kernels that fill lanes and that collect what the host reads.
+class LaneKernels(NamedTuple):
+    """The kernels that fill lanes and that collect what the host reads.
 
     `clear(S, n, queue)` makes all lanes idle. `put(S, samples, n, entries, count)` starts trajectories:
-    `entries` (count, `entry_width`) has for each its lane, whether its sample is kept, its slots and its
-    sample. `collect(S, n, queue, output)` copies the slots `read_slots` to `output` (len, n) and empties the
+    `entries` (count, `entry`) has for each its lane, whether its sample is kept, its slots and its sample.
+    `collect(S, n, queue, output)` copies the slots that the host reads to `output` (len, n) and empties the
     buffers. `trajectory(S, n, i, output)` copies all slots of lane i. `S` (slots, n) and `samples`
     (BUFFER, n, width) are the memory of n lanes; all numbers are float64.
+
+    Attributes:
+        source: their source.
+        slots: the number of slots of a lane.
+        constants: the number of these, the first ones, that are a trajectory's constants.
+        entry: the number of numbers of an entry.
+    """
+
+    source: str
+    slots: int
+    constants: int
+    entry: int
+
+
+class RunKernel(NamedTuple):
+    """The kernel `run(S, samples, n, queue, polls, threads)`, which advances trajectories.
+
+    Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
+    (slots, n) float64 has n lanes; `samples` (BUFFER, n, width) float64 has room for samples; `queue` (2,)
+    float64 is the number of lanes taken and the lane taken first; the variable `uniform` has the values that
+    are equal in all rows, as `uniform_bytes` gives them.
+
+    Attributes:
+        source: its source.
+        uniform: the slots of the variable `uniform` with their kinds.
+    """
+
+    source: str
+    uniform: Sequence[tuple[int, Kind]]
+
+
+def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> LaneKernels:
+    """Write the kernels that fill lanes and that collect what the host reads.
 
     Args:
         chunk: the program.
@@ -151,40 +185,22 @@ def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> str:
     head_of_prepare = "PART void prepare(double* S, const index n, const index i)"
     copies = [f"    output[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(read_slots)]
     status = chunk.record.status.first
-    return "\n".join(
-        [
-            *_beginning(chunk, title),
-            c_function(head_of_prepare, [*loads, *lines, *stores]),
-            _CLEAR.format(slots=chunk.n_slots, status=status, complete=float(Status.complete)),
-            _PUT.format(
-                head=ENTRY_HEAD,
-                width_of_entry=entry_width(chunk),
-                opened=_opened(chunk),
-                width=chunk.width,
-            ),
-            _COLLECT.format(lines="\n".join(copies), filled=chunk.record.filled.first),
-            _TRAJECTORY.format(slots=chunk.n_slots),
-        ]
-    )
+    # a trajectory is opened with all slots but those that are computed once from these
+    opened = chunk.n_slots - len(chunk.steady)
+    entry = ENTRY_HEAD + opened + chunk.width
+    parts = [
+        *_beginning(chunk, title),
+        c_function(head_of_prepare, [*loads, *lines, *stores]),
+        _CLEAR.format(slots=chunk.n_slots, status=status, complete=float(Status.complete)),
+        _PUT.format(head=ENTRY_HEAD, width_of_entry=entry, opened=opened, width=chunk.width),
+        _COLLECT.format(lines="\n".join(copies), filled=chunk.record.filled.first),
+        _TRAJECTORY.format(slots=chunk.n_slots),
+    ]
+    return LaneKernels("\n".join(parts), chunk.n_slots, chunk.first_of_carry, entry)
 
 
-def entry_width(chunk: Chunk) -> int:
-    """Numbers of an entry of the kernel `put`."""
-    return ENTRY_HEAD + _opened(chunk) + chunk.width
-
-
-def _opened(chunk: Chunk) -> int:
-    """The slots of a trajectory when it is opened: all but those that are computed once from these."""
-    return chunk.n_slots - len(chunk.steady)
-
-
-def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> str:
-    """Write the source of the kernel `run(S, samples, n, queue, polls, threads)`.
-
-    Each of the first `threads` threads makes up to `polls` polls; the others of their block do nothing. `S`
-    (slots, n) float64 has n lanes; `samples` (BUFFER, n, width) float64 has room for samples; `queue` (2,)
-    float64 is the number of lanes taken and the lane taken first; the variable `uniform` has the values of
-    the nodes `uniform_nodes(chunk, varying)`, as `uniform_bytes` gives them.
+def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> RunKernel:
+    """Write the kernel that advances trajectories.
 
     Args:
         chunk: the program.
@@ -192,7 +208,9 @@ def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> str:
         title: names the run in the first line.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
-    return "\n".join([*_beginning(chunk, title), *_Thread(chunk, varying).parts(), run])
+    source = "\n".join([*_beginning(chunk, title), *_Thread(chunk, varying).parts(), run])
+    uniform = _uniform_nodes(chunk, varying).items()
+    return RunKernel(source, [(slot, chunk.program.nodes[at].kind) for at, slot in uniform])
 
 
 def _beginning(chunk: Chunk, title: str) -> list[str]:
@@ -203,26 +221,19 @@ def _beginning(chunk: Chunk, title: str) -> list[str]:
     return parts
 
 
-def uniform_bytes(chunk: Chunk, varying: Collection[int], slots: Float[np.ndarray, " slots"]) -> bytes:
+def uniform_bytes(uniform: Sequence[tuple[int, Kind]], slots: Float[np.ndarray, " slots"]) -> bytes:
     """The bytes of the variable `uniform` of a kernel.
 
     Args:
-        chunk, varying: as for `run_kernel`.
-        slots: all slots (n_slots,) of a trajectory.
+        uniform: as of the `RunKernel`.
+        slots: all slots (slots,) of a trajectory.
     """
-    nodes = uniform_nodes(chunk, varying)
-    names = [f"s{slot}" for slot in nodes.values()]
-    formats = [_FORMATS[chunk.program.nodes[at].kind] for at in nodes]
-    layout = np.dtype({"names": names, "formats": formats}, align=True)
-    return np.array(tuple(slots[slot] for slot in nodes.values()), layout).tobytes()
+    layout = np.dtype([(f"s{slot}", _FORMATS[kind]) for slot, kind in uniform], align=True)
+    return np.array(tuple(slots[slot] for slot, _ in uniform), layout).tobytes()
 
 
-def uniform_nodes(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
-    """The nodes with equal values in all rows and their slots, in the order of the variable `uniform`.
-
-    Args:
-        chunk, varying: as for `run_kernel`.
-    """
+def _uniform_nodes(chunk: Chunk, varying: Collection[int]) -> dict[int, int]:
+    """The nodes with equal values in all rows and their slots, in the order of the variable `uniform`."""
     return {at: slot for at, slot in _steady(chunk).items() if not _varies(chunk, at, varying)}
 
 
@@ -279,7 +290,7 @@ class _Thread:
 
     def __init__(self, chunk: Chunk, varying: Collection[int]) -> None:
         self._chunk = chunk
-        self._uniform = uniform_nodes(chunk, varying)
+        self._uniform = _uniform_nodes(chunk, varying)
         self._constants = {at: slot for at, slot in _steady(chunk).items() if at not in self._uniform}
         self._carried = self._carried_inputs()
         self._names = {at: f"carry.s{slot}" for at, slot in self._carried.items()}

@@ -106,9 +106,9 @@ class Block:
         if filled.any():
             new = np.arange(output.buffers.shape[1]) < filled[:, None]
             self._samples[1].append((np.repeat(rows, filled), output.buffers[lanes][new]))
-        numbers = {name: values[lanes[ended]] for name, values in output.numbers.items()}
-        self.ends.put(rows[ended], with_orbits(numbers))
-        self.ended[rows[ended]] = True
+        lanes, rows = lanes[ended], rows[ended]
+        self.ends.put(rows, with_orbits({name: values[lanes] for name, values in output.numbers.items()}))
+        self.ended[rows] = True
 
     def unstored(self) -> RowOutcome:
         """The rows that have ended but are not on disk."""

@@ -140,7 +140,7 @@ class LaneScheduler:
             block.opened += rows.size
             part = slice(filled, filled + rows.size)
             filled += rows.size
-            for number in np.unique(group_of[part]):
+            for number in np.flatnonzero(np.bincount(group_of[part])):
                 of_group = group_of[part] == number
                 self.groups[number].place(block, rows[of_group], lanes[part][of_group])
 
@@ -174,13 +174,12 @@ class LaneScheduler:
         """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
         changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
         changed = changed[np.argsort(group.block_of[changed], kind="stable")]
-        numbers, first = np.unique(group.block_of[changed], return_index=True)
-        # without any row `split` gives an empty part all the same
-        for number, lanes in zip(numbers, np.split(changed, first[1:]), strict=False):
-            block = self.open[number]
+        lanes_of_blocks = np.split(changed, np.flatnonzero(np.diff(group.block_of[changed])) + 1)
+        for lanes in lanes_of_blocks if changed.size else ():
+            block = self.open[int(group.block_of[lanes[0]])]
             block.collect(output, lanes, group.row_of[lanes], has_ended[lanes])
             if block.missing == 0:
-                self.complete.append(int(number))
+                self.complete.append(block.number)
         group.block_of[has_ended] = IDLE
 
     def _count_rows(
