@@ -229,6 +229,13 @@ def is_velocity_servo(m: Any, k: int) -> bool:
     return _is_servo(m, k, 2)
 
 
+def pulls_back(m: Any, k: int) -> bool:
+    """Whether the force of actuator `k` depends on the position of its joint, as a position servo's does."""
+    import mujoco
+
+    return bool(m.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_AFFINE and m.actuator_biasprm[k, 1])
+
+
 def _is_servo(m: Any, k: int, term: int) -> bool:
     """Whether the gain of an actuator is minus its bias of the position (term 1) or velocity (term 2)."""
     import mujoco

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 NamedVariables = Sequence[tuple[str, Variable]]
 _CORRECTIONS = 3  # Newton steps onto the section, from states that are close to it
 _CLOSE = 0.02  # share of the nominal period from the section within which a state is moved onto it
+_UNCHANGED = 1e-9  # change (by a metre) below which a number does not depend on where a body is
 _FREE = (
     ("up_x", "1", "vertical component of the body's x axis"),
     ("up_y", "1", "vertical component of the body's y axis"),
@@ -98,7 +99,7 @@ class BodyCoordinates(Chart):
         joints = self.model.body.joints
         return (
             *free,
-            *(Quantity(j.name, j.unit, f"position of {j.name}") for j in joints if j.in_q is not None),
+            *(Quantity(j.name, j.unit, f"position of {j.name}") for j in joints if not j.along_ground),
             *(Quantity(f"{j.name}_rate", f"{j.unit}/s", f"velocity of {j.name}") for j in joints),
             *_quantities(self.model, self._variables()),
         )
@@ -111,7 +112,7 @@ class BodyCoordinates(Chart):
         if self.model.body.is_free:
             up, heading = tilt_and_heading(q[3:7])
             pieces += [up, q[2:3], v[:2] @ heading, v[2:6]]
-        pieces += [q[joint.in_q : joint.in_q + 1] for joint in joints if joint.in_q is not None]
+        pieces += [q[joint.in_q : joint.in_q + 1] for joint in joints if not joint.along_ground]
         pieces += [v[joint.in_v : joint.in_v + 1] for joint in joints]
         return jnp.concatenate([*pieces, *_numbers(self._variables(), state)])
 
@@ -125,7 +126,7 @@ class BodyCoordinates(Chart):
             first = len(_FREE)
         joints = self.model.body.joints
         for joint in joints:
-            if joint.in_q is not None:
+            if not joint.along_ground:
                 q[joint.in_q] = at[first]
                 first += 1
         for joint in joints:
@@ -138,11 +139,30 @@ class BodyCoordinates(Chart):
 
     def covers(self, params: Any, state: Any, /) -> Bool[Array, ""]:
         body = self.model.body
+        covered = ~self._place_matters(params, state)
         if not body.is_free:
-            return jnp.ones((), bool)
+            return covered
         # on a slope the heading matters, and the tilt of an overturned body is that of an upright one, too
         level = (params.body["slope"] == 0.0) & body.is_on_level_planes
-        return level & is_upright(state.q[3:7])
+        return covered & level & is_upright(state.q[3:7])
+
+    def _place_matters(self, params: Any, state: Any) -> Bool[Array, ""]:
+        """Whether controls, events, rates of variables or springs depend on the places that are left out."""
+        body = self.model.body
+        slides = [joint for joint in body.joints if joint.along_ground]
+        matters = [params.body[f"{slide.name}_stiffness"] != 0.0 for slide in slides]
+
+        def deciding(q: Float[Array, " nq"]) -> Any:
+            at = state.replace(q=q)
+            control = self.model.checked_control(params, at)
+            numbers = control, self.model.guards(params, at), self.model.rates(params, at)
+            return jax.tree.map(lambda number: jnp.asarray(number, jnp.float64), numbers)
+
+        for place in (*(range(2) if body.is_free else ()), *(slide.in_q for slide in slides)):
+            along = jnp.zeros_like(state.q).at[place].set(1.0)
+            _, changes = jax.jvp(deciding, (state.q,), (along,))
+            matters += [jnp.any(jnp.abs(change) > _UNCHANGED) for change in jax.tree.leaves(changes)]
+        return jnp.any(jnp.stack(matters)) if matters else jnp.zeros((), bool)
 
     def _variables(self) -> NamedVariables:
         """The declared variables of the section besides positions and velocities."""

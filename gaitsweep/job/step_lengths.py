@@ -35,8 +35,8 @@ from gaitsweep.schema.diagnostics import Diagnostic
 
 Rows = Int[np.ndarray, " rows"]  # numbers of rows
 PerRow = Float[np.ndarray, " rows"]  # a number for each row
-# Largest number of sets of parameters whose steps are checked before a job runs. Of more sets, so many evenly
-# spaced ones are checked then, and the step of each row when its block begins.
+# Largest number of sets of parameters whose steps are checked before a job runs. Of a job with more sets this
+# many, evenly spaced, are checked, and the step of each row is when its block begins.
 MAX_SETS = 1_000_000
 # Number of sets for the range of the steps that a model recommends, which need no check.
 MAX_RECOMMENDED = 65_536
@@ -112,8 +112,9 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
         return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(design.model, numerics.method)}")]
     steps = row_steps(design, run, numerics)
     longest = steps.longest
-    if np.isnan(longest).any():
-        longest = _from_spectrum(design, run, numerics, steps)
+    if (unknown := np.flatnonzero(np.isnan(longest))).size:
+        longest = longest.copy()
+        longest[unknown] = _from_spectrum(design, run, numerics, steps.rows[unknown])
     wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)
     if not wrong.size:
         return []
@@ -236,8 +237,8 @@ def _deciding_names(model: Model, numerics: ResolvedNumerics) -> list[str]:
     return stored("deciding", model, (numerics,), deciding)
 
 
-def _from_spectrum(design: Design, run: RunKind, numerics: ResolvedNumerics, steps: RowSteps) -> PerRow:
-    """Compute the longest steps of rows whose model gives none.
+def _from_spectrum(design: Design, run: RunKind, numerics: ResolvedNumerics, rows: Rows) -> PerRow:
+    """Compute the longest steps of rows (n,) for which the model gives none.
 
     They follow from the flow's matrix where it is linear, and are a share of the nominal period elsewhere;
     of a moving parameter the least, the middle and the largest value count. Rows that are not examined have
@@ -246,12 +247,12 @@ def _from_spectrum(design: Design, run: RunKind, numerics: ResolvedNumerics, ste
     model = design.model
     places = run.extreme_places()
     count = max(1, MAX_COSTLY_SETS // len(places))
-    examined = np.unique(np.linspace(0, steps.rows.size - 1, count).astype(int))
-    longest = np.full(steps.rows.size, np.inf)
+    examined = np.unique(np.linspace(0, rows.size - 1, count).astype(int))
+    longest = np.full(rows.size, np.inf)
     # a map may take one step a period
     min_steps = MIN_STEPS_PER_PERIOD if isinstance(model, HybridModel) else 1.0
     for number, place in itertools.product(examined, places):
-        values, starts = design.values_in(steps.rows[[number]])
+        values, starts = design.values_in(rows[[number]])
         params = model.params(_only_row(model.on_host(design.with_moved(values, place))))
         limit = float(model.period(params)) / min_steps
         if isinstance(model, HybridModel) and model.linear and METHODS[numerics.method].limits:

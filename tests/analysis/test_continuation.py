@@ -12,8 +12,10 @@ import pytest
 from jax import Array
 from matplotlib.colors import to_hex
 
+from gaitsweep.analysis.continuation.bifurcation_tests import located
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import _followed_on_refined, continuation
+from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.errors import ArgumentError
 from gaitsweep.plot.bifurcations.continuation import continuation as draw
@@ -48,6 +50,30 @@ def conserving(values: Values, x: Array) -> Array:
 
 FOLD = PlainMap(fold, ("x",), (("r", 0.1),))
 CUSP = PlainMap(cusp, ("x",), (("r", 0.0), ("a", 1.0)))
+
+
+ZEROS: dict[str, tuple[Any, float, int]] = {
+    "smooth": (lambda x: np.exp(x) - 1.7, np.log(1.7), 6),
+    "steep": (lambda x: np.exp(30.0 * x) - np.exp(24.0), 0.8, 12),
+    "triple": (lambda x: (x - 0.37) ** 3, 0.37, 20),
+    "jump": (lambda x: 5.0 if x > 0.937 else -0.01, 0.937, 22),  # at most that of bisection and two more
+}
+
+
+@pytest.mark.parametrize("name", ZEROS)
+def test_zeros_of_test_functions_are_found_in_few_trials(name: str) -> None:
+    function, zero, most = ZEROS[name]
+    trials: list[float] = []
+
+    def point_at(arclength: float) -> Any:
+        trials.append(arclength)
+        return arclength if len(trials) <= most else None
+        yield
+
+    found: Any = alone(located((function(0.0), function(1.0)), 1.0, point_at, function))
+    assert found.arclength == pytest.approx(zero, abs=2e-6)
+    trials += most * [0.0]  # no point is found any more
+    assert alone(located((function(0.0), function(1.0)), 1.0, point_at, function)) is None
 
 
 def test_levels_at_the_starts_stay_so_on_the_refined_map(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -177,6 +177,19 @@ def test_rows_without_a_start_are_no_shock() -> None:
     assert quantified.loc["trot", "least_shock"] == 1.0
 
 
+def test_rows_that_did_not_settle_are_no_third_basin() -> None:
+    """A strip of them between two basins; inside one of three stripes its edges are that one's boundary."""
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(64), np.arange(64), indexing="ij"))
+    status = np.where(np.abs(x - 31.5) < 2.0, "cycle_limit", "settled")
+    columns = {"row": np.arange(x.size), "k": 1.0, "x_0": x, "y_0": y, "status": status, "t_end": 1.0}
+    table = pd.DataFrame(columns)
+    two: Any = gs.quantifiers(table.assign(gait=np.where(x < 32, "a", "b")), "k", label="gait")
+    assert np.isnan(two["wada"].to_numpy(float)).all()
+    stripes = np.array(["a", "b", "c"])[np.searchsorted([10, 50], x, side="right")]
+    three: Any = gs.quantifiers(table.assign(gait=stripes), "k", label="gait")
+    assert three["wada"].tolist() == [0.0, 0.25, 0.0]
+
+
 def test_rows_that_did_not_settle_have_no_outcome() -> None:
     """One of two rows of a trot ended at the limit of cycles; none of the walk's has settled in time."""
     columns = {"row": range(4), "k": 1.0, "x_0": [0.0, 0.1, 0.2, 0.3], "t_end": [9.0, 9.0, 1.0, 1.0]}

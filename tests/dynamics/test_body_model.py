@@ -557,6 +557,26 @@ def test_a_free_box_comes_to_rest_on_its_corners() -> None:
     assert trace["q_0"].diff().iloc[-1] == pytest.approx(0.0, abs=1e-6)
 
 
+READERS: dict[str, dict[str, Any]] = {
+    "control": {"control": lambda self, p, s: jnp.stack([self.position(s, "x")])},
+    "rate": {"rates": lambda self, p, s: {"phi": p.omega + self.position(s, "x")}},
+    "event": {"turn": gs.event("x passes 1 m", section=True)(lambda self, p, s: self.position(s, "x") - 1.0)},
+}
+
+
+def test_a_slide_along_the_ground_that_acts_on_the_motion_is_not_left_out() -> None:
+    """A servo makes it a coordinate; a map does not cover states where a spring or a function reads it."""
+    servo = HOPPER.replace("</actuator>", '<position joint="x" kp="50"/></actuator>')
+    assert [of(xml).chart().coordinates[1].name for xml in (HOPPER, servo)] == ["leg", "x"]
+
+    def covers(model: Any, **values: float) -> bool:
+        return bool(model.chart().covers(*begun(model, **values)))
+
+    assert covers(of(HOPPER))
+    assert not covers(of(HOPPER), x_stiffness=3.0)
+    assert not any(covers(of(HOPPER, **members)) for members in READERS.values())
+
+
 BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
   <body name="table" pos="0 0 .2"><freejoint name="root"/>
     <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""

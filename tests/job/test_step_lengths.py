@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.job import Job, JobError
 from gaitsweep.job.step_lengths import _rounded_down, row_steps
 from gaitsweep.runs.prepare import row_values
@@ -67,6 +69,29 @@ def test_the_limit_from_a_period_covers_the_whole_path(path: list[float]) -> Non
     with pytest.raises(JobError, match=r"longest accurate step of rk4 for all of them is 0\.00125 s"):
         Job(model="landscape_model:FasterLandscape", **fields, numerics={"method": "rk4", "dt": 0.02})
     Job(model="landscape_model:FasterLandscape", **fields, numerics={"method": "rk4", "dt": 1.2e-3})
+
+
+class Spring(gs.DeclaredModel):
+    """An oscillator that tells its fast mode only where it has one."""
+
+    k = gs.parameter("1/s2", "stiffness", 1.0)
+    x = gs.variable("m", "position", 1.0)
+    v = gs.variable("m/s", "speed", 0.0)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": s.v, "v": -p.k * s.x}
+
+    def period(self, p: Any) -> Any:
+        return 6.0 + 0.0 * p.k
+
+    def fast_modes(self, p: Any) -> Any:
+        return jnp.sqrt(p.k)[None], jnp.zeros(1)
+
+
+def test_a_row_without_a_known_limit_leaves_the_others_theirs() -> None:
+    numerics = {"method": "rk4", "dt": 0.5}
+    with pytest.raises(JobError, match=r"too long for . of 3 rows.*0\.0[0-9]* s \(at k = 10000\)"):
+        gs.sweep(Spring(), k=[-1.0, 1.0, 1e4], run=gs.FixedTime(duration=1.0), numerics=numerics)
 
 
 def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:

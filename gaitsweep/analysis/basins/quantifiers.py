@@ -88,7 +88,7 @@ def quantifiers(
         shares[_SHARE_IN_TIME] = fractions(in_time, axes, label=label, by=by, level=level)
     scales_of_axes = {name: scale for name, scale in scales.items() if name in axes}
     space = Space.of(table, axes, scales_of_axes) if axes else None
-    records = _records(_of_ended_rows(table, label), parameter, label, shares, space, axes, level)
+    records = _records(_with_outcomes(table, label), parameter, label, shares, space, axes, level)
     quantified = pd.DataFrame(records, columns=[parameter, label, *_COLUMNS])
     if amplifications is not None:
         quantified["amplification"] = _growths(table, quantified, amplifications)
@@ -128,8 +128,8 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     return table.drop(columns="outcome", errors="ignore").assign(**{label: outcomes})
 
 
-def _of_ended_rows(table: pd.DataFrame, label: str) -> pd.DataFrame:
-    """The table without the labels of rows whose outcome is another, since they failed or did not settle."""
+def _with_outcomes(table: pd.DataFrame, label: str) -> pd.DataFrame:
+    """The table without the labels of rows that have no outcome, since they failed or did not settle."""
     labels = table[label].astype(object)
     return table.assign(**{label: labels.where(outcome_labels(table, label) == labels.astype(str), None)})
 
@@ -158,8 +158,9 @@ def _records(
     records = []
     for value in np.unique(values[np.isfinite(values)]):
         at = values == value
-        shapes = _boundaries(_rows_of(table, at), axes, names[at].astype(str))
-        for name in sorted({str(name) for name in names[at & pd.notna(names)]}):
+        outcomes = sorted({str(name) for name in names[at & pd.notna(names)]})
+        shapes = _boundaries(_rows_of(table, at), axes, names[at].astype(str), outcomes)
+        for name in outcomes:
             in_basin = at & (names.astype(str) == name)
             basin = _rows_of(table, in_basin)
             record: dict[str, Any] = {parameter: value, label: name, "rows": len(basin)}
@@ -204,20 +205,24 @@ def _times(basin: pd.DataFrame) -> dict[str, float]:
 
 
 def _boundaries(
-    table: pd.DataFrame, axes: Sequence[str], labels: Shaped[np.ndarray, " rows"]
+    table: pd.DataFrame, axes: Sequence[str], labels: Shaped[np.ndarray, " rows"], outcomes: Sequence[str]
 ) -> dict[str, dict[str, float]]:
-    """The exponent of the boundary of each outcome, and the least share of it that another one is near."""
+    """The exponent of the boundary of each outcome, and the least share of it that another one is near.
+
+    Rows whose label is not among the outcomes, as those that did not settle, belong to no basin.
+    """
     grid = find_grid(table, axes)
     if grid is None:
         return {}
     boundaries: dict[str, dict[str, float]] = {}
-    for name in map(str, np.unique(labels)):
+    for name in outcomes:
         exponent = uncertainty_exponent(uncertainty_fraction(grid, labels == name)).value
         boundaries[name] = {"boundary_exponent": exponent}
-    if len(boundaries) > 2:
+    if len(outcomes) > 2:
         for record in boundaries_nearby(grid, labels, RADIUS):
-            boundary = boundaries[str(record["outcome"])]
-            boundary["wada"] = min(boundary.get("wada", 1.0), float(record["within"]))
+            boundary = boundaries.get(str(record["outcome"]))
+            if boundary is not None and record["other"] in boundaries:
+                boundary["wada"] = min(boundary.get("wada", 1.0), float(record["within"]))
     return boundaries
 
 

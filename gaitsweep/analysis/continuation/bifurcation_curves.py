@@ -39,8 +39,6 @@ EXACT = 1e-11
 STRAIGHT = 0.9
 # Corrections after which the next step is longer.
 FEW_CORRECTIONS = 5
-# A bifurcation of codimension 2 is found in an interval this short, as a share of its step.
-SHORTEST_INTERVAL = 1e-6
 # Factor of longer steps.
 LONGER = 1.4
 # Least points of a closed curve, less one.
@@ -258,8 +256,6 @@ def _degenerate(
             length,
             lambda arclength: step(equations, before, arclength),
             lambda point, name=name: point.tests[name],
-            0.0,
-            SHORTEST_INTERVAL,
         )
         # where the test jumps, there is no such point
         is_zero = zero is not None and abs(zero.point.tests[name]) < 1e-3 * max(abs(value), abs(later))

@@ -10,6 +10,7 @@ functions); Kuznetsov 2004, Elements of Applied Bifurcation Theory, chapter 10.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
@@ -26,10 +27,7 @@ from gaitsweep.analysis.continuation.one_sided import both_sides
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, eigenvalues
 
-# A zero is found when the test function is below this share of its larger value at the step's ends.
-NEAR = 1e-7
-# The search also ends with an interval this short, as a share of the step: where the map has a corner, the
-# test function jumps over zero.
+# The search for a zero ends with an interval this short, as a share of the step.
 SHORTEST_INTERVAL = 1e-6
 MOST_TRIALS = 40
 # Two real multipliers cross the unit circle together if they are this close to it, and to each other.
@@ -42,7 +40,7 @@ ROUNDING = 1e-9
 # A step is shorter where a test function seems to come this near to zero, as a share of its smaller value at
 # the ends.
 MARGIN = 0.2
-# A determinant this small, as a share of its larger value at the step's ends, has a zero and no jump.
+# A test function this small, as a share of its larger value at the step's ends, has a zero and no jump.
 SMALL = 1e-3
 
 Test = Callable[[ContinuationProblem, BranchPoints], PerBranch]
@@ -107,36 +105,45 @@ def located(
     length: float,
     point_at: Callable[[float], Computation[T | None]],
     test: Callable[[T], float],
-    target: float,
-    shortest: float,
 ) -> Computation[ZeroOnStep[T] | None]:
-    """The zero of a test function on a step; None where no point is found.
+    """The zero of a test function on a step; None where the search fails.
+
+    Where no point is found, as beside a point at which several branches meet, the best trial before it counts
+    if its value is small.
 
     Args:
         ends: values of the test function at both ends of the step.
         length: length of the step.
         point_at: point at an arclength from the step's start; None where there is none.
-        test: the test function.
-        target: value of the test function below which a point is a zero.
-        shortest: the search also ends with an interval this short, as a share of the step.
+        test: the test function, which may jump over zero, as where the map has a corner.
 
-    Source: the Illinois variant of regula falsi.
+    Source: Chandrupatla 1997, Advances in Engineering Software 28:145 (inverse parabolas and bisection).
     """
-    (below, above), low, high = ends, 0.0, length
-    best = None
-    for _ in range(MOST_TRIALS if below * above <= 0.0 else 0):
-        at = low + (high - low) * below / (below - above)
+    if ends[0] * ends[1] > 0.0:
+        return None
+    # the newest end of the interval, the other end and the end before it, each with its value
+    (b, fb), (a, fa) = (0.0, ends[0]), (length, ends[1])
+    share = fa / (fa - fb) if fa != fb else 0.5
+    best, least_value = None, SMALL * max(abs(fa), abs(fb))
+    for _ in range(MOST_TRIALS):
+        at = a + share * (b - a)
         point = yield from point_at(at)
-        if point is None:
+        value = math.nan if point is None else test(point)
+        if point is None or math.isnan(value):
             break
-        best, value = ZeroOnStep(point, at), test(point)
-        # Illinois: the value at the end that stays is halved
-        if value * below > 0.0:
-            low, below, above = at, value, 0.5 * above
-        else:
-            high, above, below = at, value, 0.5 * below
-        if not abs(value) > target or high - low < shortest * length:
-            break
+        if abs(value) <= least_value:
+            best, least_value = ZeroOnStep(point, at), abs(value)
+        (c, fc), (b, fb) = ((a, fa), (b, fb)) if value * fa > 0.0 else ((b, fb), (a, fa))
+        a, fa = at, value
+        if value == 0.0 or abs(b - a) < SHORTEST_INTERVAL * length:
+            return ZeroOnStep(point, at)
+        x, y = (a - b) / (c - b), (fa - fb) / (fc - fb)
+        share = 0.5
+        if y**2 < x and (1.0 - y) ** 2 < 1.0 - x:  # a parabola through the three is monotonic
+            share = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
+        # so far from the ends that a short interval is left once the zero is near
+        least = 0.25 * SHORTEST_INTERVAL * length / abs(b - a)
+        share = min(max(share, least), 1.0 - least)
     return best
 
 
@@ -158,9 +165,7 @@ def located_on_branch(
         return point if converged[0] else None
         yield  # a computation of its own, which asks for nothing
 
-    target = NEAR * max(abs(ends[0]), abs(ends[1]))
-    search = located(ends, length, point_at, lambda point: test(problem, point)[0], target, SHORTEST_INTERVAL)
-    return alone(search)
+    return alone(located(ends, length, point_at, lambda point: test(problem, point)[0]))
 
 
 def _turns(problem: ContinuationProblem, at: BranchPoints) -> bool:

@@ -31,6 +31,7 @@ from gaitsweep.dynamics.mjcf import (
     is_position_servo,
     is_velocity_servo,
     joint_name,
+    pulls_back,
 )
 from gaitsweep.dynamics.tree import (
     Array,
@@ -130,13 +131,15 @@ class Limit(Stretch):
 class JointPlace(NamedTuple):
     """The places of a hinge or slide in q and in v, with its name and the unit of its position.
 
-    `in_q` is None for a slide along the ground that carries the whole body: its position changes nothing.
+    `along_ground` marks a slide along the ground that carries the whole body: the ground and gravity are the
+    same at all its positions.
     """
 
     name: str
     unit: str
-    in_q: int | None
+    in_q: int
     in_v: int
+    along_ground: bool
 
 
 class LocatedBody:
@@ -227,6 +230,7 @@ class LocatedBody:
         data = mujoco.MjData(m)
         mujoco.mj_kinematics(m, data)
         normals = [touch.surface.normal for touch in self._touches if isinstance(touch.surface, Plane)]
+        servos = {int(m.actuator_trnid[k, 0]) for k in range(m.nu) if pulls_back(m, k)}
         joints = []
         for j in hinges_and_slides(m):
             is_slide = m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
@@ -234,11 +238,12 @@ class LocatedBody:
             carries = all(m.jnt_type[i] == mujoco.mjtJoint.mjJNT_SLIDE for i in self._before(j))
             invariant = bool(normals) and not self.has_uneven_surface
             along = invariant and all(abs(normal @ data.xaxis[j]) < _ACROSS for normal in normals)
-            held = m.jnt_stiffness[j] or j in self._limits
-            is_free = is_slide and carries and along and not held
-            in_q = None if is_free else int(m.jnt_qposadr[j])
-            unit = "m" if is_slide else "rad"
-            joints.append(JointPlace(joint_name(self._m, j), unit, in_q, int(m.jnt_dofadr[j])))
+            held = m.jnt_stiffness[j] or j in self._limits or j in servos
+            along_ground = bool(is_slide and carries and along and not held)
+            places = int(m.jnt_qposadr[j]), int(m.jnt_dofadr[j])
+            joints.append(
+                JointPlace(joint_name(self._m, j), "m" if is_slide else "rad", *places, along_ground)
+            )
         return joints
 
     @property
@@ -253,7 +258,7 @@ class LocatedBody:
         if any(touch.friction is None for touch in self._touches):
             return ()
         free = (0, 1) if self.is_free and self.is_on_level_planes else ()
-        return (*free, *(joint.in_v for joint in self.joints if joint.in_q is None))
+        return (*free, *(joint.in_v for joint in self.joints if joint.along_ground))
 
     def _before(self, joint: int) -> list[int]:
         """The joints between the world and a joint."""
