@@ -106,8 +106,10 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
         design, run, numerics: as for `row_steps`.
     """
     if numerics.dt is None:
-        dt = _steps(design, run, numerics, np.zeros(1, np.int64)).dt
-        if not np.isnan(dt).any() or numerics.adaptive:  # which is NaN only with the row's period
+        first = _steps(design, run, numerics, np.zeros(1, np.int64)).dt
+        if numerics.adaptive or not np.isnan(first).any():
+            return []
+        if not np.isnan(row_steps(design, run, numerics).dt).all():  # a row without a step is not_a_number
             return []
         return [Diagnostic(("numerics", "dt"), f"is missing: {unknown_step(design.model, numerics.method)}")]
     steps = row_steps(design, run, numerics)

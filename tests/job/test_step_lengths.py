@@ -92,6 +92,11 @@ def test_a_row_without_a_known_limit_leaves_the_others_theirs() -> None:
     numerics = {"method": "rk4", "dt": 0.5}
     with pytest.raises(JobError, match=r"too long for . of 3 rows.*0\.0[0-9]* s \(at k = 10000\)"):
         gs.sweep(Spring(), k=[-1.0, 1.0, 1e4], run=gs.FixedTime(duration=1.0), numerics=numerics)
+    # without a step it cannot run, wherever it stands
+    result = gs.sweep(
+        Spring(), k=[-1.0, 1.0], run=gs.FixedTime(duration=1.0), numerics={"method": "rk4"}, verify=0
+    )
+    assert result.table["status"].tolist() == ["not_a_number", "complete"]
 
 
 def test_steps_of_unexamined_rows_are_checked_when_they_begin() -> None:
