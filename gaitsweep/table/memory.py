@@ -35,6 +35,7 @@ class MemoryTable:
         self.layout = layout
         self.manifest: dict[str, Any] = new_manifest(layout, job)
         self._parts: dict[int, ArrowPart] = {}
+        self._tallies: dict[str, dict[int, dict[str, int]]] = {}  # of each column and block
 
     @property
     def rows_done(self) -> int:
@@ -53,9 +54,13 @@ class MemoryTable:
         """Count the values of a column of text in complete blocks; None: the statuses of the rows."""
         if column is None:
             return self.counts()
+        of_parts = self._tallies.setdefault(column, {})
+        for number, part in list(self._parts.items()):
+            if number not in of_parts:
+                of_parts[number] = count_names(part.records, column)
         tally: collections.Counter[str] = collections.Counter()
-        for part in list(self._parts.values()):
-            tally.update(count_names(part.records, column))
+        for counts in of_parts.values():
+            tally.update(counts)
         return dict(tally.most_common())
 
     def encoded(self, number: int, frame: pd.DataFrame) -> ArrowPart:
