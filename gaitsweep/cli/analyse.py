@@ -48,7 +48,7 @@ Observable = Annotated[
     Option("--observable", metavar="NAME", help="Observable at the section; by default the figure's."),
 ]
 Parameter = Annotated[
-    str | None, Option("--parameter", metavar="NAME", help="Moving parameter; by default the job's.")
+    str | None, Option("--parameter", metavar="NAME", help="Varying parameter; by default the job's.")
 ]
 
 GroupColumns = Annotated[
@@ -302,36 +302,40 @@ def gait_transitions(
 
     table = result_table(directory)
     parameter = parameter or _from_job(table, "--parameter", "gait_transitions", "x", axes_of(table))
-    start = start or _from_job(table, "--start", "gait_transitions", "start", axes_of(table))
+    start = start or _from_job(table, "--start", "gait_transitions", "start", axes_of(table), parameter)
     print_table(transition_points_by_gait(table, parameter, start))
 
 
-def _from_job(table: pd.DataFrame, option: str, kind: str, field: str, names: list[str]) -> str:
-    """The value of an option that a table's job gives: its run, its figures of a kind, or its only name.
+def _from_job(
+    table: pd.DataFrame, option: str, kind: str, field: str, names: list[str], excluded: str | None = None
+) -> str:
+    """The value of an option that a table's job gives: its run, its figures of a kind, or the only name.
 
     Args:
         table: the table.
         option: the option, for the message.
         kind: kind of the figures.
         field: field of the run and of the figures.
-        names: what the value may be if neither has it.
+        names: the allowed values if neither has one.
+        excluded: a name that is not allowed.
 
     Raises:
-        BadParameter: the job gives none, or several.
+        ArgumentError: the job gives none, or several.
     """
+    from gaitsweep.errors import ArgumentError
+
     job = table.attrs.get("job", {})
     of_run = [job.get("run", {}).get(field)]
     of_figures = [figure.get(field) for figure in job.get("figures", []) if figure["kind"] == kind]
     candidates: list[str] = []
     for source in (of_run, of_figures, names):  # the first that has any decides
-        candidates = list(dict.fromkeys(str(value) for value in source if value))
+        candidates = list(dict.fromkeys(str(value) for value in source if value and value != excluded))
         if candidates:
             break
     if len(candidates) == 1:
         return candidates[0]
-    named = " and ".join(candidates) or "none"
-    text = f"is not given, and the job names {named}: give {option}."
-    raise typer.BadParameter(text, param_hint=option)
+    named = f"the job names {' and '.join(candidates)}" if candidates else "the job does not name it"
+    raise ArgumentError(f"{option} is not given, and {named}: give {option} NAME.")
 
 
 def _commands_of_extensions(own: Collection[str]) -> dict[str, Any]:

@@ -278,8 +278,8 @@ def quantity(q: Quantity) -> tuple[str, ...]:
         default = plain(q.default)
     left = "(" if q.open_ends or math.isinf(q.low) else "["
     right = ")" if q.open_ends or math.isinf(q.high) else "]"
-    bounded = math.isfinite(q.low) or math.isfinite(q.high)
-    allowed = f"{left}{q.low:g}, {q.high:g}{right}" if bounded else ""
+    limits = [f"{left}{q.low:g}, {q.high:g}{right}"] if math.isfinite(q.low) or math.isfinite(q.high) else []
+    allowed = ", ".join([*limits, *(["whole"] if q.whole else [])])
     return q.name, q.unit, default, allowed, q.meaning, q.source
 
 

@@ -31,8 +31,8 @@ Observed = Float[Array, " observables"]
 
 T = TypeVar("T")  # a pytree
 
-# Jumps at one instant, for each guard, beyond which a row is stalled: far above most physical chains of
-# events.
+# Jumps at one instant beyond which a row is stalled, for each guard, and as many more: far above most
+# physical chains of events.
 JUMPS_PER_GUARD = 4
 # Guards in one word of `LaneRecord.fired`: a slot of a kernel is a float64, which has 53 bits.
 GUARDS_PER_WORD = 32
@@ -41,7 +41,7 @@ USUAL = {"gaitsweep.unlikely": False, "gaitsweep.likely": True}
 
 
 class Halt:
-    """The reasons why a trajectory waits for its recorder.
+    """Whether a trajectory goes on (GOING), or else why it waits for its recorder.
 
     It does not move until the recorder has polled it, so no crossing is lost and none has to be copied.
     """
@@ -71,7 +71,7 @@ class Carry:
         closed: whether the section was crossed at this instant, before other guards that wait for their jump.
         shift: the time (s) of the events of these guards after that crossing: zero, but for its derivative.
         stop: the time (s) at which to halt.
-        halt: the reason why the trajectory waits, one of `Halt`.
+        halt: whether the trajectory goes on, or why it waits, one of `Halt`.
         dt: the longest step (s), a constant of the trajectory.
         step_factor: the factor on that step, by which tolerances are finer as well; a constant.
         unit: the nominal period (s), the unit of the tolerance on event times; a constant.

@@ -85,8 +85,8 @@ class Numerics:
             near = near_miss.suggestion(self.precision, get_args(Precision))
             raise ArgumentError(f"numerics.precision is {self.precision}{near}")
         atol = recommended.atol if self.atol is None else self.atol
-        lengths = {"dt": self.dt, "event_tolerance": self.event_tolerance, "rtol": rtol, "atol": atol}
-        for name, value in lengths.items():
+        positive = {"dt": self.dt, "event_tolerance": self.event_tolerance, "rtol": rtol, "atol": atol}
+        for name, value in positive.items():
             if value is not None and not 0.0 < value < math.inf:
                 raise ArgumentError(f"numerics.{name} is {value:g}, but must be a number above 0.")
         return ResolvedNumerics(**{**vars(self), "method": method, "rtol": rtol, "atol": atol})
@@ -163,6 +163,9 @@ def longest_step(model: Model, method: str, params: Params) -> Number | None:
         model: the model.
         method: a name of `METHODS`.
         params: its parameters.
+
+    Raises:
+        ArgumentError: the method needs a flow, but the model has only steps.
     """
     steps = fixed_step_scheme(method, model)
     if steps is not None:
@@ -190,6 +193,9 @@ def recommended_step(model: Model, numerics: ResolvedNumerics, params: Params) -
 
     Returns:
         The step, or None if neither is known.
+
+    Raises:
+        ArgumentError: as for `longest_step`.
     """
     if numerics.dt is not None:
         return jnp.full_like(model.period(params), numerics.dt)
@@ -211,6 +217,7 @@ def step_of(model: Model, numerics: ResolvedNumerics, params: Params) -> Number:
         params: the parameters of the row.
 
     Raises:
+        ArgumentError: as for `longest_step`.
         ValueError: neither the numerics nor the model determine it.
     """
     dt = recommended_step(model, numerics, params)

@@ -1,8 +1,8 @@
 """Optimisers of a search: Sobol points, evolution strategies, or a front of several targets.
 
 Each optimiser has an ask-and-tell interface: `ask` returns points of the unit cube, `tell` receives their
-scores. The points depend on the seed and on the scores so far, and on nothing else. So a search that was
-stopped continues with a new optimiser, which receives the scores of the first.
+scores, of which lower ones are better. The points depend on the seed and on the scores so far, and on nothing
+else. So a search that was stopped continues with a new optimiser, which receives the scores of the first.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Optimiser(Protocol):
         """Report the scores of the points of the first `ask` that has none yet.
 
         Args:
-            scores: scores (n,).
-            misses: misses (n, targets).
+            scores: scores (n,), the lower the better.
+            misses: misses (n, targets), the nearer to 0 the better.
         """
         ...
 
@@ -175,11 +175,11 @@ class _AskedPoint(NamedTuple):
 class Restarts:
     """Evolution strategies (CMA-ES) that begin anew where they end, small and large ones in turn (BIPOP).
 
-    A large strategy has twice the points a generation of the large one before, and a small one between the
-    least number and half of the latest large one's, with a smaller width. A strategy begins as a large one
-    unless the large ones have had more points than the small ones, counted as they are asked. Several run
-    side by side to fill each `ask`. The first has as many points as an `ask`, within limits. They begin at
-    the best points of a Sobol sequence, in order of their scores.
+    A large strategy has twice the points a generation of the large one before, up to eight times those of
+    the first, and a small one between the least number and half of the latest large one's, with a smaller
+    width. A strategy begins as a large one unless the large ones have had more points than the small ones,
+    counted as they are asked. Several run side by side to fill each `ask`. The first has as many points as an
+    `ask`, within limits. They begin at the best points of a Sobol sequence, in order of their scores.
 
     Source: Hansen 2009, Benchmarking a BI-population CMA-ES on the BBOB-2009 function testbed, whose
     strategies run one after the other and begin at random points.

@@ -47,7 +47,7 @@ class RampMeasure(Measure):
     run: Annotated[Ramp, WithJsonSchema(Ramp.model_json_schema())] = Field(
         description="the ramp of its rows, as a job's run: kind, parameter, path, rate, initial_dwell"
     )
-    least: Count = Field(default=3, description="crossings in a row that make a gait count")
+    least: Count = Field(default=3, description="successive crossings that make a gait count")
 
     @property
     def own_run(self) -> Ramp:
@@ -91,8 +91,9 @@ class RampMeasure(Measure):
 class Transition(RampMeasure):
     """Value at which one gait first gives way to another in a pass; the mean over the rows.
 
-    It is the middle between the last crossing with the one gait and the first with the other. Gaits that last
-    less than `least` crossings may lie between them, and so may crossings with neither of the two.
+    A bout of a gait is `least` or more successive crossings with it. The value is the middle between the last
+    crossing of a bout of the one gait and the first of the next bout, which is of the other. Shorter runs of
+    these gaits may lie between the two bouts, and so may crossings with other gaits.
     """
 
     unit_field: ClassVar[str | None] = "quantity"
@@ -160,7 +161,7 @@ class GaitSequence(RampMeasure):
 
     In a row it is the longest part of the list that occurs in its order, as a share of the list. Other gaits
     may lie between, unless `only` is set: then it is a share of the gaits that the row shows, if these are
-    more. The share of a row that falls is 0.
+    more. The share of a row that fails is 0.
     """
 
     kind: Literal["sequence"] = Field(

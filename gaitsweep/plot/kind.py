@@ -16,6 +16,7 @@ import pandas as pd
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
+from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.design import Design
 from gaitsweep.errors import warn
@@ -301,8 +302,9 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
 def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
     """The drawing function of a kind that takes the fields of a style, and `ax`, besides its own arguments.
 
-    Its figures obey styles and carry remarks on their table. Type checkers see its own arguments, so that
-    they find one that is missing; `plot.draw` and `plot.style` take a style in code that they check.
+    Its figures obey styles and carry remarks on their table; errors of an analysis become PlotErrors. Type
+    checkers see its own arguments, so that they find one that is missing; `plot.draw` and `plot.style` take a
+    style in code that they check.
     """
     takes_table = next(iter(inspect.signature(kind.draw).parameters), "") == "table"
 
@@ -329,7 +331,10 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
             idle = kind.idle_colours(shared.colours, spec, numbers)
             warn(f"colours of plot.style {idle}")
         with styled(own, ax), _blaming_lost_units(table):
-            figure = kind.draw(*args, **spec)
+            try:
+                figure = kind.draw(*args, **spec)
+            except AnalysisError as error:
+                raise PlotError(str(error)) from error
             panel = given_axes()
             figure = figure if panel is None else cast("Figure", panel.get_figure(root=True))
             letters = current().panel_letters

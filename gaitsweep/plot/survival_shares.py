@@ -37,9 +37,8 @@ def survival(
         table: a table of kind fixed_time, complete or partial.
 
     Raises:
-        PlotError: the table lacks a column.
-        AnalysisError: more than a twentieth of the rows at one value ended before so many steps without a
-            fall, or rows ended in another way.
+        PlotError: the table lacks a column, more than a twentieth of the rows at one value ended before so
+            many steps without a fall, or rows ended in another way.
     """
     require_columns(table, x)
     require_one_system(table, x)

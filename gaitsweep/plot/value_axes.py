@@ -11,7 +11,9 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, Locator, MultipleLoca
 
 from gaitsweep.plot.columns import PlotError
 
-_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0)  # of ticks, in pi
+# Distances of ticks, in pi.
+_FINE_STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 0.5)
+_STEPS = (*_FINE_STEPS, *(digit * 10.0**power for power in range(16) for digit in (1.0, 2.0, 5.0)))
 # The least span of values along an axis, below which rounding would look like a change.
 _LEAST_ANGLE = 0.01  # rad
 _LEAST_SHARE = 1e-3  # of the largest magnitude
@@ -24,8 +26,6 @@ class _TurnLocator(FixedLocator):
     """Ticks over a turn in an even number of steps, at every half turn where an axis is short."""
 
     def __init__(self, steps: int) -> None:
-        if steps < 2 or steps % 2:
-            raise PlotError(f"steps is {steps}, but must be even, so that a tick is at half a turn.")
         super().__init__(np.linspace(0.0, 2 * np.pi, steps + 1).tolist())
 
     def __call__(self) -> Any:
@@ -55,7 +55,7 @@ class _PiLocator(Locator):
 def angle_axis(axes: Axes, which: Literal["x", "y", "z"], steps: int = 4) -> None:
     """Show an angle (rad) along an axis with ticks at multiples of pi.
 
-    The axis extends from 0 to 2 pi, or only over the data if they take less than half of that.
+    The axis extends from 0 to 2 pi; axis x or y only over the data if they take less than half of that.
 
     Args:
         axes: the panel.
@@ -63,8 +63,10 @@ def angle_axis(axes: Axes, which: Literal["x", "y", "z"], steps: int = 4) -> Non
         steps: intervals between ticks in a turn, an even number.
 
     Raises:
-        PlotError: the number of steps is not even.
+        PlotError: the number of steps is not even, or below 2.
     """
+    if steps < 2 or steps % 2:
+        raise PlotError(f"steps is {steps}, but must be even, so that a tick is at half a turn.")
     if which != "z" and not _half_a_turn(axes, which):
         angle_ticks(axes, which)
         return
@@ -109,7 +111,7 @@ def angle_ticks(axes: Axes, which: Literal["x", "y"]) -> None:
 
 
 def in_pi(angle: float, *, fractions: bool = True) -> str:
-    """Format an angle (rad) as a multiple of pi: 3π/4, or 0.77π if it is not a simple fraction."""
+    """Format an angle (rad) as a multiple of pi to four decimals: 3π/4, or 0.77π if no simple fraction."""
     half_turns = round(angle / np.pi, 4)
     if half_turns == round(half_turns):
         return {0: "0", 1: "π", -1: "−π"}.get(round(half_turns), f"{round(half_turns)}π").replace("-", "−")
@@ -117,7 +119,7 @@ def in_pi(angle: float, *, fractions: bool = True) -> str:
         bottom = 2 if 2 * half_turns == round(2 * half_turns) else 4
         top = round(half_turns * bottom)
         return f"{'−' if top < 0 else ''}{'' if abs(top) == 1 else abs(top)}π/{bottom}"
-    return f"{half_turns:.4g}π".replace("-", "−")
+    return f"{half_turns}π".replace("-", "−")
 
 
 def interrupted(

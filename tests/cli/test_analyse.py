@@ -173,6 +173,25 @@ def test_gaits_are_lost_at_transition_points(show: Show) -> None:
     table["gait"] = ["walk", "walk", "trot"]
     printed = show(table, "gait-transitions", "--parameter", "f", "--start", "delta_13")
     assert "walk rising" in " ".join(printed.split())
+    axes = table[["row", "f", "delta_13", "status", "gait"]]
+    assert show(axes, "gait-transitions", "--parameter", "f") == printed  # the other axis is the start
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("", "--start is not given, and the job does not name it"),
+        ("--parameter f", "--start is not given"),
+        ("--start f", "start is f, the parameter itself"),
+    ],
+)
+def test_the_parameter_is_not_the_start(
+    options: str, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = pd.DataFrame({"row": [0, 1], "f": [1.0, 2.0], "status": "settled", "gait": ["walk", "trot"]})
+    monkeypatch.setattr(gaitsweep.table, "load", lambda _: table)
+    assert main(["analyse", "gait-transitions", "results/any", *options.split()]) == 2
+    assert capsys.readouterr().err.startswith(words)
 
 
 @pytest.mark.slow

@@ -51,6 +51,7 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, MASSES, "", "axes is missing: besides panels"),
     ({"kind": "basin_measures", "axes": ["gait"]}, SETTLE, GRID, "", r"axes\[0\] is gait, which is not"),
     ({"kind": "basin_measures", "hue": "attractor"}, REFINED, GRID, "", "hue is attractor"),
+    ({"kind": "gait_transitions", **PSI, "start": "psi_1"}, SETTLE, GRID, "", "start is psi_1, like x"),
     ({"kind": "branches", "x": "crossing", "y": "psi_1"}, MAP, MASSES, "", "crossing, which does not vary"),
     ({"kind": "cycles", "x": "status", "y": ["psi_1"]}, MAP, MASSES, "", "x is status, which is not numeric"),
     ({"kind": "drift_law", "of": "kappa"}, SETTLE, GRID, "", "kappa_1 and kappa_end must vary"),

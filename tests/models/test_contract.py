@@ -91,6 +91,15 @@ def test_names_are_distinct_and_described(model: Model) -> None:
     assert model.source
 
 
+@pytest.mark.parametrize("name", models.names())
+def test_seeds_and_choices_are_whole(name: str) -> None:
+    model = models.find(name)()
+    for quantity in (*model.parameters, *model.initial_conditions):
+        is_choice = {"0:", "1:"} <= set(quantity.meaning.split()) and (quantity.low, quantity.high) == (0, 1)
+        if is_choice or quantity.name.endswith("seed"):
+            assert quantity.whole, quantity
+
+
 def test_symbols_can_be_drawn(model: Model) -> None:
     read = MathTextParser("agg")
     quantities = (*model.parameters, *model.initial_conditions, *model.observables, *model.signals)

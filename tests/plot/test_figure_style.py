@@ -527,6 +527,35 @@ def test_angles_as_multiples_of_pi() -> None:
     assert "0.85π" in [tick.get_text() for tick in axes.get_xticklabels()]
 
 
+def test_wide_axes_of_angles_have_seven_ticks_at_most() -> None:
+    axes = Figure().subplots()
+    for turns, distance in ((3, 1.0), (10, 5.0), (5000, 2000.0)):
+        axes.set_xlim(0, turns * 2 * np.pi)
+        angle_ticks(axes, "x")
+        ticks = axes.get_xticks() / np.pi
+        np.testing.assert_allclose(np.diff(ticks), distance)
+        assert sum((ticks >= 0) & (ticks <= 2 * turns)) <= 7
+    assert in_pi(10.001 * np.pi, fractions=False) == "10.001π"
+    axes = Figure().subplots()
+    axes.plot([0.1, 0.2], [0.1, 0.2])
+    with pytest.raises(PlotError, match="steps is 3, but must be even"):  # of a part of the circle, too
+        angle_axis(axes, "x", steps=3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        ("loading_rule", {}),
+        ("gait_shares", {"x": "k"}),
+        ("source_place", {"x": ["k"]}),
+        ("survival", {"x": "k"}),
+    ],
+)
+def test_a_figure_refuses_a_table_that_its_analysis_refuses(kind: str, fields: dict[str, Any]) -> None:
+    with pytest.raises(PlotError):
+        plot.draw(kind, pd.DataFrame({"row": [0, 1], "k": [0.0, 1.0], "status": "settled"}), **fields)
+
+
 def test_a_mapping_that_a_figure_takes_keeps_its_default() -> None:
     def draw(
         table: pd.DataFrame, *, labels: Annotated[Mapping[str, str], "labels of gaits"] = LABELS

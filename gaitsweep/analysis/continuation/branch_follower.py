@@ -180,9 +180,9 @@ class BranchFollower:
                 halves = len(aside.parameter)
                 asides.append(aside)
             rows += [row] * halves
-            numbers += [self.table.added(int(self.numbers[row])) for _ in range(halves)]
+            numbers += [self.table.add_branch(int(self.numbers[row])) for _ in range(halves)]
             for _ in range(2 - halves):
-                number = np.array([self.table.added(int(self.numbers[row]))])
+                number = np.array([self.table.add_branch(int(self.numbers[row]))])
                 problem = self.problem[np.array([row])]
                 self.table.write(number, problem, point, [""], tolerance=TOGETHER)
                 self.table.end(number, "not_found")

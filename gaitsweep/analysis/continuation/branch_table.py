@@ -70,8 +70,8 @@ class BranchTable:
         self._branches = [0] * n  # the number of each branch among those of its row
         self._next = [1] * n  # the number of the next branch of each row
 
-    def added(self, number: int) -> int:
-        """The number of a further branch, of the row of the branch `number`."""
+    def add_branch(self, number: int) -> int:
+        """Add a further branch, of the row of the branch `number`, and return its number."""
         row = self._rows[number]
         self._rows.append(row)
         self._branches.append(self._next[row])
@@ -79,28 +79,28 @@ class BranchTable:
         self._records.append([])
         return len(self._records) - 1
 
-    def counts(self, rows: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    def counts(self, numbers: Int[np.ndarray, " branches"]) -> Int[np.ndarray, " branches"]:
         """The number of records of each of these branches, (n,)."""
-        return np.array([len(self._records[row]) for row in rows])
+        return np.array([len(self._records[number]) for number in numbers])
 
     def records(self, number: int) -> list[dict[str, Any]]:
         """The records of one branch."""
         return self._records[number]
 
-    def end(self, rows: Int[np.ndarray, " rows"], reason: str) -> None:
-        """Note in the last record of each of these branches why it ends."""
-        for row in rows:
-            self._records[row][-1]["end"] = reason
+    def end(self, numbers: Int[np.ndarray, " branches"], reason: str) -> None:
+        """Note in the last record of each of these branches (n,) why it ends."""
+        for number in numbers:
+            self._records[number][-1]["end"] = reason
 
-    def failed(self, row: int, parameter: float, reason: str) -> None:
+    def add_failed(self, number: int, parameter: float, reason: str) -> None:
         """Add the only record of a branch that has no first point, with the reason.
 
         Args:
-            row: the row of the branch.
+            number: the number of the branch.
             parameter: the value of the continuation parameter there.
             reason: why there is no point.
         """
-        self._records[row].append({**self._head(row, parameter), "end": reason})
+        self._records[number].append({**self._head(number, parameter), "end": reason})
 
     def _head(self, number: int, parameter: float) -> dict[str, Any]:
         """The first columns of the next record of the branch `number`."""
@@ -113,7 +113,7 @@ class BranchTable:
 
     def write(
         self,
-        rows: Int[np.ndarray, " rows"],
+        numbers: Int[np.ndarray, " branches"],
         problem: ContinuationProblem,
         branch_points: BranchPoints,
         special: Sequence[str],
@@ -123,20 +123,20 @@ class BranchTable:
         """Add a record for each of n branches.
 
         Args:
-            rows: the branches (n,), by their numbers in this table.
+            numbers: the numbers of the branches (n,).
             problem: the continuation problem of the branches.
             branch_points: a point of each.
             special: the bifurcation (n,) at each point, or "".
             tolerance: distance outside the unit circle from which multipliers count as unstable.
         """
-        if not len(rows):
+        if not len(numbers):
             return
         factors = multipliers_of(problem, branch_points)
-        for k, row in enumerate(rows):
+        for k, number in enumerate(numbers):
             unstable = int(np.sum(np.abs(factors[k]) > 1.0 + tolerance))
-            self._records[row].append(
+            self._records[number].append(
                 {
-                    **self._head(int(row), float(branch_points.parameter[k])),
+                    **self._head(int(number), float(branch_points.parameter[k])),
                     **{name: float(column[k]) for name, column in branch_points.images.observed.items()},
                     **{
                         f"drift_{name}": branch_points.drift[k, i] for i, name in enumerate(self._constrained)

@@ -178,7 +178,7 @@ def _followed(
     observed = list(fixed.images.observed)
     table = BranchTable(mapping, parameter, columns, observed, n, constraints, with_points, crossing)
     for row in np.flatnonzero(~fixed.converged):
-        table.failed(int(row), float(begins[row]), NewtonOutcome(int(fixed.outcome[row])).name)
+        table.add_failed(int(row), float(begins[row]), NewtonOutcome(int(fixed.outcome[row])).name)
     rows = np.flatnonzero(fixed.converged)
     if rows.size:
         problem = ContinuationProblem.of(mapping, parameter, within, others, constraints, fixed.points.at)

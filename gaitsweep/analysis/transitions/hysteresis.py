@@ -210,11 +210,13 @@ def transition_points_by_gait(
         order), rows (that settled in it at `kept`).
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or `start` is the parameter.
     """
     by = names_in(by)
     require(table, "status", start, gait, *by)
     require_numbers(table, parameter)
+    if start == parameter:
+        raise AnalysisError(f"start is {start}, the parameter itself: name the column of a start.")
     columns = [*by, "gait", "direction", "kept", "lost", "low", "high", "rows"]
     records = []
     for panel, rows in panels_of(table, by):

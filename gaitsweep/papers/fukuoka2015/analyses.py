@@ -38,14 +38,14 @@ def gaits(
     from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import THRESHOLD
 
     thresholds = (THRESHOLD,) if threshold is None else (THRESHOLD, threshold)
-    rows = gs.load(directory)
+    table = gs.load(directory)
     without_options = threshold is None and not any(map(math.isfinite, window))
-    own = own_gaits_in(rows) if without_options else None
-    table = gaits_in(rows, window=window, thresholds=thresholds) if own is None else own
+    own = own_gaits_in(table) if without_options else None
+    gaits = gaits_in(table, window=window, thresholds=thresholds) if own is None else own
     if threshold is not None:
         # the first threshold is that of the model where a table has the model's own gaits
-        table["gait"] = table[f"gait_at_{threshold:g}"]
-    print_table(gaits_counted(table))
+        gaits["gait"] = gaits[f"gait_at_{threshold:g}"]
+    print_table(gaits_counted(gaits))
 
 
 @app.command()
@@ -102,13 +102,12 @@ def loading_rule(
     It compares the leg loads and the pitch of the planar quadruped with its phase shifts.
     """
     from gaitsweep.papers.fukuoka2015.analysis import loading_rule as rule
-    from gaitsweep.papers.fukuoka2015.analysis.loading_rule import pairs_in
 
     if pairs and (predict or split is not None):
         raise gs.ArgumentError("--pairs lists the pairs of all rows: leave out --split and --predict.")
     table = gs.load(directory)
     if pairs:
-        judged = pairs_in(table)
+        judged = rule.pairs_in(table)
     elif predict:
         judged = rule.loading_rule(rule.load_prediction(table), split=split or "k2")
     else:
@@ -120,7 +119,7 @@ def loading_rule(
 def gait_thresholds(directory: Directory, window: Window = (-math.inf, math.inf)) -> None:
     """Count the rows of each gait for several thresholds.
 
-    It also counts the shifts by size, and the gaits by touchdowns.
+    It also counts the shifts by size, and the rows whose gait by touchdowns is the same.
     """
     from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_by_threshold, gaits_in, shift_sizes
 

@@ -392,8 +392,7 @@ def shock(
         table: a settle table, refined or not, complete or partial.
 
     Raises:
-        PlotError: the table lacks a column, or a cell has several rows.
-        AnalysisError: x and y have different units.
+        PlotError: the table lacks a column, a cell has several rows, or x and y have different units.
     """
     require_columns(table, x, y, hue, panels)
     require_one_unit(table, [x, y])

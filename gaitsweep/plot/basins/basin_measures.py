@@ -77,8 +77,7 @@ def basin_measures(
             out.
 
     Raises:
-        PlotError: the table lacks a column.
-        AnalysisError: no axis is left.
+        PlotError: the table lacks a column, or no axis is left.
     """
     if panels:
         table = rows_where(table, table[column(table, panels)].notna())

@@ -40,8 +40,7 @@ def branches(
         table: a return map's table over several values of x.
 
     Raises:
-        PlotError: the table lacks a column.
-        AnalysisError: the bandwidth is not above 0.
+        PlotError: the table lacks a column, or the bandwidth is not above 0.
     """
     name = column(table, y, ("_n", ""))
     require_columns(table, x, "row", "crossing")

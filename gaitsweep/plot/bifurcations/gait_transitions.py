@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,14 +28,20 @@ from gaitsweep.plot.columns import (
     require_one_system,
     rows_where,
 )
-from gaitsweep.plot.kind import check_one_system, figure_kind
+from gaitsweep.plot.kind import PlannedTable, Refusal, check_one_system, figure_kind
 from gaitsweep.status import Outcome
 
 _OPEN = "#777777"  # of outcomes that are no gait
 _Looks = tuple[dict[str, str], dict[str, str]]  # colours and markers of gaits
 
 
-@figure_kind("settle", check=check_one_system)
+def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    if figure.start == figure.x:
+        yield ("start",), f"is {figure.start}, like x: name the column of a start."
+    yield from check_one_system(figure, table)
+
+
+@figure_kind("settle", check=_check)
 def gait_transitions(
     table: pd.DataFrame,
     *,
@@ -55,7 +61,7 @@ def gait_transitions(
         table: a settle table with starts in each gait at each value of x.
 
     Raises:
-        PlotError: the table lacks a column.
+        PlotError: the table lacks a column, or `start` is `x`.
     """
     name = column(table, y, ("_end", ""))
     require_columns(table, x, start, hue, "status")

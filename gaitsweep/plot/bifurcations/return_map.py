@@ -55,8 +55,7 @@ def return_map(
         table: a return map's table.
 
     Raises:
-        PlotError: the table lacks a column, or the form is unknown.
-        AnalysisError: the bandwidth is not above 0.
+        PlotError: the table lacks a column, the form is unknown, or the bandwidth is not above 0.
     """
     if form not in (None, *FORMS):
         raise PlotError(f"form is {form}, but must be {' or '.join(FORMS)}.")

@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import chain_of, springs_of
 from gaitsweep.papers.ambe2021.multilegged.model import ChainModel
 from gaitsweep.papers.ambe2021.theory.chain import Chain, leg_length, touchdown_phase
@@ -87,10 +86,7 @@ def chain_theory(
         PlotError: the table is not of the chain, its job's parameters cannot be read, show, k or at are out
             of range, or show is touchdowns for a chain with a profile.
     """
-    try:
-        N, chain = springs_of(table), chain_of(table)
-    except AnalysisError as error:
-        raise PlotError(str(error)) from error
+    N, chain = springs_of(table), chain_of(table)
     if N < 2:
         raise PlotError("The theory needs a chain of at least three legs.")
     return theory_figure(N, chain, show=show, k=k, at=at, title=title)

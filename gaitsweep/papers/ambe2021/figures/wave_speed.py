@@ -10,7 +10,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
-from gaitsweep.analyses import AnalysisError
 from gaitsweep.papers.ambe2021 import extension
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import source_place as places_of
 from gaitsweep.papers.ambe2021.analysis.travelling_wave import waves
@@ -68,10 +67,7 @@ def wave_speed(
         with theme.canvas(theme.COLUMN, 2.9, title) as figure:
             theme.message(figure.subplots(), "no rows yet")
         return figure
-    try:
-        measured = waves(table)
-    except AnalysisError as error:
-        raise PlotError(str(error)) from error
+    measured = waves(table)
     measured[x] = table.groupby("row")[x].first().loc[measured["row"]].to_numpy()
     parameters = [str(name) for name in measured.columns[1 : list(measured.columns).index("gait")]]
     for _, part in measured.groupby(x):

@@ -40,10 +40,9 @@ PARAMETERS = (
     _positive("omega", "rad/s", "basic frequency of locomotion", 0.4, r"\omega", _TABLE_1),
     _positive("tau", "s", "time constant of the phase reset", 0.5, r"\tau", _TABLE_1),
     _positive("g", "m/s2", "gravitational acceleration", 9.8, "g", _TABLE_1),
-    Quantity(
-        "clamp", "1", "1: the ground cannot pull; 0: eq. (1) exactly", 0.0, low=0.0, high=1.0, symbol="c"
-    ),
-)
+    Quantity("clamp", "1", "1: the ground cannot pull; 0: eq. (1) exactly", 0.0, low=0.0, high=1.0,
+             symbol="c", whole=True),
+)  # fmt: skip
 
 # Unit, meaning and symbol of the quantities that may differ among the inner legs.
 _PROFILED = {

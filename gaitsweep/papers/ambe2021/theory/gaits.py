@@ -61,6 +61,10 @@ def pieces(rule: LagRule, circle: jax.Array) -> Segments:
     """The N + 2 pieces of one set on section 1, without the leading axis.
 
     A set jumps by m_B b where a leg touches down at the same time as leg 1.
+
+    Args:
+        rule: lag rule of the set.
+        circle: the touchdown phase, rad.
     """
     cuts = meetings(rule, circle, 1)
     ends = jnp.concatenate([rule.low[None], jnp.sort(cuts), rule.high[None]])

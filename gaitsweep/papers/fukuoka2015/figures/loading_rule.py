@@ -79,7 +79,7 @@ def loading_rule(
     the share of shifted pairs in these quadrants.
 
     Args:
-        table: a trace or a settle table of `planar_quadruped`.
+        table: a table of `planar_quadruped`, of a trace or of settled rows or rows of fixed time.
 
     Raises:
         PlotError: a column or a measure is missing, or one of only and value is given without the other.

@@ -99,8 +99,10 @@ _MOTORS = (
              source=_SUPPLEMENT),
     _at_least_0("Kv_hip", "N m s/rad", "damping of the hips", 1.0, r"K_v^\mathrm{hip}", _SUPPLEMENT),
     _at_least_0("Kv_knee", "N s/m", "damping of the knees", 40.0, r"K_v^\mathrm{knee}", _SUPPLEMENT),
-    _at_least_0("Kv_knee_sw", "N s/m", "damping of a knee in swing", "Kv_knee", r"K_v^\mathrm{knee,sw}"),
-    _at_least_0("Kv_knee_st", "N s/m", "damping of a knee in stance", "Kv_knee", r"K_v^\mathrm{knee,st}"),
+    _at_least_0("Kv_knee_sw", "N s/m", "damping of a knee in swing", "Kv_knee", r"K_v^\mathrm{knee,sw}",
+                _SUPPLEMENT),
+    _at_least_0("Kv_knee_st", "N s/m", "damping of a knee in stance", "Kv_knee", r"K_v^\mathrm{knee,st}",
+                _SUPPLEMENT),
 )  # fmt: skip
 
 BODY = (
@@ -109,8 +111,8 @@ BODY = (
     Quantity("com_z", "m", "torso's centre of mass above the hips", 0.0, symbol=r"z_\mathrm{com}",
              source=_SEARCH),
     _positive("torso_mass", "kg", "mass of the torso", 4.0, "m_T", _PAPER),
-    _positive("torso_inertia", "kg m2", "inertia of the torso in pitch about its centre of mass; a box's",
-              "torso_mass*(0.67**2 + 0.1**2)/12", "I_T"),
+    _positive("torso_inertia", "kg m2", "inertia of the torso in pitch about its centre of mass",
+              "torso_mass*(0.67**2 + 0.1**2)/12", "I_T", "a uniform box, 0.67 m long and 0.1 m high"),
     _positive("upper_mass", "kg", "mass of an upper leg", 0.5, "m_U", _PAPER),
     _positive("lower_mass", "kg", "mass of a lower leg without its foot", 0.2, "m_L", _PAPER),
     _positive("foot_mass", "kg", "mass of a foot", 0.05, "m_F", _PAPER),
@@ -139,7 +141,7 @@ _READING = (
 PARAMETERS = (*_SPEED, *_NETWORK, *_MOTORS, *BODY, *_GROUND, *_READING)
 
 STARTS = (
-    Quantity("seed", "1", "number of the perturbation, a whole number", 0.0, low=0.0, high=2.0**31),
+    Quantity("seed", "1", "number of the perturbation", 0.0, low=0.0, high=2.0**31, whole=True),
     Quantity("scatter", "1", "size of the perturbation: largest change of a potential", 0.1, low=0.0),
-    Quantity("pair", "1", "0: RF and LH swing first; 1: LF and RH", 0.0, low=0.0, high=1.0),
+    Quantity("pair", "1", "0: RF and LH swing first; 1: LF and RH", 0.0, low=0.0, high=1.0, whole=True),
 )  # fmt: skip
