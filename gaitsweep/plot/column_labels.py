@@ -26,6 +26,7 @@ _REMARK = re.compile(r"(?!\d)(.*?\w{2})[:;](?![^(]*\))")  # not of "1: yes; 0: n
 _LAST_CLAUSE = re.compile(r",(?![^(]*\)).*\Z", re.DOTALL)  # from the first comma that is not in brackets
 _AT_START = "at the start"  # the end of the meaning of a start value
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
+_MOST_TOLD_APART = 100  # values of a column; of more, as of a random axis, labels are not told apart
 _SUFFIX = re.compile(r"_(end(_\d+)?|n)\Z")  # of recorded columns; _end_2 is at a further crossing of an orbit
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
 
@@ -118,16 +119,33 @@ def described(table: pd.DataFrame, name: str, width: int = 44, *, named: bool = 
     return "\n".join([*lines[:-1], lines[-1] + end])
 
 
-def written(table: pd.DataFrame, name: str, value: object) -> str:
-    """Format the value of a column: `f = 2.6 Hz`, angles in multiples of pi."""
+def written(table: pd.DataFrame, name: str, value: object, digits: int | None = None) -> str:
+    """Format the value of a column: `f = 2.6 Hz`, angles in multiples of pi.
+
+    Args:
+        digits: the number of digits, by default `digits_of` the column.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or math.isnan(float(value)):
         return f"{symbol(table, name)} = {value}"
     number = float(value) + 0.0  # -0.0 becomes 0.0
+    digits = digits_of(table, name) if digits is None else digits
     if not is_angle(table, name):
-        return f"{symbol(table, name)} = {number:.4g} {unit_of(table, name)}".rstrip().replace("= -", "= −")
-    turns = f"{number / np.pi + 0.0:.3g}"
+        text = f"{number:.{digits}g} {unit_of(table, name)}"
+        return f"{symbol(table, name)} = {text}".rstrip().replace("= -", "= −")
+    turns = f"{number / np.pi + 0.0:.{digits}g}"
     text = {"0": "0", "1": r"\pi", "-1": r"-\pi"}.get(turns, rf"{turns}\,\pi")
     return f"{symbol(table, name)} = ${text}$"
+
+
+def digits_of(table: pd.DataFrame, name: str) -> int:
+    """The fewest digits, from 4 (3 of an angle in multiples of pi), that tell a column's values apart."""
+    least = 3 if is_angle(table, name) else 4
+    values = pd.unique(pd.to_numeric(table[name], errors="coerce")) if name in table else np.zeros(0)
+    values = values[np.isfinite(values)] / (np.pi if is_angle(table, name) else 1.0)
+    if values.size > _MOST_TOLD_APART:
+        return least
+    apart = (n for n in range(least, 17) if len({f"{value:.{n}g}" for value in values}) == values.size)
+    return next(apart, 17)
 
 
 def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str]:
@@ -139,10 +157,10 @@ def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str
     firsts = table.drop_duplicates("row")
     axes = [name for name in axes_of(table) if name not in without]
     differ = [name for name in axes if len(firsts[name].unique()) > 1]
-    values = [firsts[name].tolist() for name in differ]
+    columns = [(name, firsts[name].tolist(), digits_of(firsts, name)) for name in differ]
     names = {}
     for number, row in enumerate(firsts["row"].tolist()):
-        texts = [written(table, name, of_axis[number]) for name, of_axis in zip(differ, values, strict=True)]
+        texts = [written(table, name, values[number], digits) for name, values, digits in columns]
         names[row] = ", ".join(texts) or f"row {row}"
     return names
 

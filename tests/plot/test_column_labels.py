@@ -77,6 +77,18 @@ def test_values_that_are_no_multiples_of_pi(value: float, of_angle: str, of_numb
     assert written(table, "u", value) == f"$u$ = {of_number}"
 
 
+def test_values_of_a_column_are_told_apart() -> None:
+    """Also seeds above 10 000, and angles that differ by less than a thousandth of pi; text stays text."""
+    near, word = 0.5 * np.pi * (1.0 + 1e-5), "walk"
+    table = pd.DataFrame({"row": [0, 1], "seed": [10_000, 10_001], "q": [0.5 * np.pi, near], "gait": word})
+    table.attrs["quantities"] = {"q": {"unit": "rad", "symbol": "q", "circular": True}}
+    assert [written(table, "seed", value).split(" = ")[1] for value in table["seed"]] == ["10000", "10001"]
+    assert [written(table, "q", value) for value in table["q"]] == [
+        rf"$q$ = $0.5{x}\,\pi$" for x in ("", "00005")
+    ]
+    assert written(table, "gait", word).endswith(" = walk")
+
+
 def test_escaped_dollars_are_not_escaped_again() -> None:
     text = escape_unparsable(r"a \$ and $\nothing{$")
     assert text == r"a \$ and \$\nothing{\$"
