@@ -45,7 +45,8 @@ class StatusNames(frozenset[str]):
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])
-        return np.isin(statuses, list(self))
+        # not isin, which compares a missing value with names
+        return np.asarray(np.frompyfunc(self.__contains__, 1, 1)(statuses), bool)
 
 
 class _StatusesWith:

@@ -30,7 +30,7 @@ from gaitsweep.plot.arguments import (
     Title,
     Vertical,
 )
-from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.basin_maps.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     HATCHED,
