@@ -359,7 +359,7 @@ def _readable(value: Any) -> Any:
         return value
     if not value.index.equals(pd.RangeIndex(len(value))):
         value = value.reset_index(drop=True)
-    with_na = [place for place, dtype in enumerate(value.dtypes) if _may_have_na(value.iloc[:, place], dtype)]
+    with_na = [place for place in range(value.shape[1]) if _may_have_na(value.iloc[:, place])]
     value = value.copy(deep=False) if with_na else value
     for place in with_na:
         values = value.iloc[:, place].astype(object)
@@ -367,11 +367,11 @@ def _readable(value: Any) -> Any:
     return value
 
 
-def _may_have_na(column: pd.Series, dtype: Any) -> bool:
-    """Whether a column's type has `pd.NA` for missing values, or a column of objects has it."""
-    if dtype == object:
+def _may_have_na(column: pd.Series) -> bool:
+    """Whether missing values of a column are `pd.NA`, of a column of objects whether it has one."""
+    if pd.api.types.is_object_dtype(column):
         return any(item is pd.NA for item in column)
-    return getattr(dtype, "na_value", None) is pd.NA
+    return getattr(column.dtype, "na_value", None) is pd.NA
 
 
 def _no_table(value: object) -> str:

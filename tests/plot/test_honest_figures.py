@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from gaitsweep import plot
@@ -378,3 +379,29 @@ def test_more_numbers_of_steps_than_colours_are_drawn() -> None:
     table["status"] = "complete"
     figure = plot.survival(table, x="roughness", steps=range(1, 11))
     assert len(figure.axes[0].containers) == 10
+
+
+def test_infinite_numbers_have_colours_beyond_the_scale_of_the_finite_ones() -> None:
+    table = settle_table()
+    table["speed"] = np.linspace(0.0, 1.0, len(table))
+    table.loc[1, "speed"] = np.inf
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3", hue="speed")
+    panel, bar = figure.axes[0], figure.axes[-1]
+    rendered(figure)
+    assert bar.get_ylabel() == "speed\n(arrow: infinite)"
+    mesh = panel.collections[0]
+    assert isinstance(mesh, QuadMesh)
+    assert mesh.get_clim() == (0.0, 1.0)
+    colours = np.asarray(mesh.get_facecolor()).reshape(4, 4, 4)
+    assert np.argwhere((colours == to_rgba("#D55E00")).all(axis=-1)).tolist() == [[0, 1]]
+
+    branches = followed(branch(0, 1.0, 0.0, 1.0), branch(1, 2.0, 0.0, 1.0), branch(2, -np.inf, 0.0, 1.0))
+    figure = plot.continuation(branches, y="delta_13", hue="mass")
+    assert figure.axes[-1].get_ylim() == (1.0, 2.0)
+    pushes = [
+        pd.DataFrame({"push_phase": [0.2, 0.7], "phase_shift": 0.1 * k, "amount": amount})
+        for k, amount in enumerate([*range(9), np.inf])
+    ]
+    figure = plot.phase_response(pd.concat(pushes), hue="amount")
+    assert figure.axes[-1].get_ylim() == (0.0, 8.0)
+    assert to_rgba(figure.axes[0].lines[9].get_color()) == to_rgba("#D55E00")

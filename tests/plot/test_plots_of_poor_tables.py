@@ -185,8 +185,9 @@ def test_a_value_that_pandas_calls_na_is_a_missing_one(name: str) -> None:
         poor.attrs = table.attrs
         assert poor[name].isna().sum() == 1
         rendered(plot.return_map(poor, y="delta_13", panels="f"))
-        assert poor[name].iloc[1] is pd.NA
-    assert Status.FAILED.among([pd.NA, None, np.nan, "fell", "settled"]).tolist() == [False] * 3 + [True, False]
+        assert poor[name].array[1] is pd.NA
+    statuses = np.array([pd.NA, None, np.nan, "fell", "settled"], object)
+    assert Status.FAILED.among(statuses).tolist() == [False, False, False, True, False]
 
 
 def test_axes_without_rows_have_their_range_or_no_ticks() -> None:

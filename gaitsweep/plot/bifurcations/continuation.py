@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -270,10 +269,9 @@ def _colours_of_rows(
     has_number = ~np.isnan(values)
     colours_of_rows: dict[Any, Any] = dict.fromkeys(numbers.index, grey)
     if has_number.any():
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        shades = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "viridis")
-        figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        of_numbers = map(tuple, shades.to_rgba(values[has_number]))
+        scale = theme.ColourScale(values[has_number])
+        scale.draw_bar(figure, axes, described(table, hue), 0.85)
+        of_numbers = map(tuple, scale.to_rgba(scale.on_scale(values[has_number])))
         colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
     return colours_of_rows, [] if has_number.all() else [without_hue]
 
