@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
@@ -405,3 +406,20 @@ def test_infinite_numbers_have_colours_beyond_the_scale_of_the_finite_ones() -> 
     figure = plot.phase_response(pd.concat(pushes), hue="amount")
     assert figure.axes[-1].get_ylim() == (0.0, 8.0)
     assert to_rgba(figure.axes[0].lines[9].get_color()) == to_rgba("#D55E00")
+
+
+def test_an_interval_shows_in_the_gaps_of_dashes() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0).assign(stable=False))
+    figure = plot.continuation(table, y="delta_13", intervals={"lost": [-0.5, 1.5]})
+    rendered(figure)
+    axes = figure.axes[0]
+    axes.set_xlim(0.0, 1.0)
+    figure.set_layout_engine("none")
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, :3]
+    inside = axes.get_window_extent().padded(-4.0)
+    panel = pixels[int(inside.y0) : int(inside.y1), int(inside.x0) : int(inside.x1)]
+    assert panel.size
+    assert panel.min(axis=2).max() < 255  # no pixel is white

@@ -59,6 +59,7 @@ def draw_branch(
     *,
     origin: float | None,
     stable_width: float = 1.4,
+    beside: Sequence[Patch] = (),
 ) -> None:
     """Draw one branch: its pieces, solid, dashed or dotted, and its bifurcations.
 
@@ -69,6 +70,7 @@ def draw_branch(
         colour: that of its lines; None: the colours of stable and unstable gaits.
         origin: the angle (rad) at which the axis y cuts the circle, where lines end; None if y is no angle.
         stable_width: width of the line where the branch is stable, in points.
+        beside: areas behind the branches, which show in the gaps of dashes.
     """
     at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
     absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
@@ -85,6 +87,9 @@ def draw_branch(
         look = looks[piece]
         if piece == "unstable":  # dashes of a branch that was followed from two starts would fill their gaps
             axes.plot(*line, color=axes.get_facecolor(), lw=look["lw"], zorder=1.9)
+            for area in beside:
+                (within,) = axes.plot(*line, color=area.get_facecolor(), lw=look["lw"], zorder=1.9)
+                within.set_clip_path(area)
         axes.plot(*line, zorder=2 if piece == "stable" else 1.9, **look)
     draw_marks(axes, at, value, branch["special"].to_numpy(object))
 
@@ -230,10 +235,13 @@ def continuation(
             return figure
         colours, hue_key = _colours_of_rows(figure, axes, table, hue)
         origin = origin_of(table, name, table[name].to_numpy(float))
-        for number, (low, high) in enumerate(intervals.values()):
+        spans = [
             axes.axvspan(low, high, zorder=0, **style_of_range(number))
+            for number, (low, high) in enumerate(intervals.values())
+        ]
         for _, branch in table.groupby(of_branch, sort=True):
-            draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
+            colour = colours.get(branch["row"].iloc[0])
+            draw_branch(axes, branch, x, name, colour, origin=origin, beside=spans)
         theme.value_axis(axes, angle=origin is not None)
         of_branches = key(table, intervals, coloured=hue is not None)
         theme.legend(figure, [*hue_key, *of_branches], ncols=2)
