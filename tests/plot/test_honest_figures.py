@@ -213,6 +213,17 @@ def test_a_branch_is_not_joined_over_points_that_are_not_there() -> None:
         assert max(x1 - x0 for x0, _, x1, _ in pieces) == pytest.approx(0.1)
 
 
+def test_a_point_whose_stability_is_missing_is_not_called_stable() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0))
+    for missing in (pd.NA, np.nan):
+        stable = table["stable"].astype(object)
+        stable[3] = missing
+        poor = table.assign(stable=stable)
+        poor.attrs = table.attrs
+        with pytest.raises(plot.PlotError, match="stable has no value at some points"):
+            plot.continuation(poor, y="delta_13")
+
+
 def test_both_directions_of_a_map_are_lines_of_their_own() -> None:
     """`continue_` follows a branch both ways from one point; y is the map's first coordinate."""
     both = [branch(0, 1.0, 0.5, end).assign(direction=way) for way, end in ((1, 1.0), (-1, 0.0))]

@@ -141,7 +141,12 @@ def pieces(branch: pd.DataFrame) -> list[Piece]:
     """The pieces between the points of a branch: stable, unstable, or over a kink of the map.
 
     The stability of a piece is that of its end that is no bifurcation.
+
+    Raises:
+        PlotError: the stability of a point is missing.
     """
+    if np.any(branch["stable"].isna()):
+        raise PlotError("stable has no value at some points of a branch: leave these points out.")
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     bifurcates = np.isin(special, list(_MARKERS))
@@ -218,7 +223,7 @@ def continuation(
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
-        PlotError: the table lacks a column, or a range is not two numbers.
+        PlotError: the table lacks a column or the stability of a point, or a range is not two numbers.
     """
     for label, ends in intervals.items():
         if len(ends) != 2:
