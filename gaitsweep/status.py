@@ -45,8 +45,11 @@ class StatusNames(frozenset[str]):
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])
-        # not isin, which compares a missing value with names
-        return np.asarray(np.frompyfunc(self.__contains__, 1, 1)(statuses), bool)
+        if statuses.dtype.kind == "O":  # which may have `pd.NA`, that NumPy cannot compare
+            import pandas as pd  # only columns of tables come here
+
+            statuses = np.where(pd.isna(statuses), "", statuses)
+        return np.isin(statuses, list(self))
 
 
 class _StatusesWith:
