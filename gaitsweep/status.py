@@ -45,6 +45,10 @@ class StatusNames(frozenset[str]):
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])
+        if statuses.dtype.kind == "O":  # which may have `pd.NA`, that NumPy cannot compare
+            import pandas as pd  # only columns of tables come here
+
+            statuses = np.where(pd.isna(statuses), "", statuses)
         return np.isin(statuses, list(self))
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeGuard
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, FiniteFloat, PrivateAttr, TypeAdapter, ValidationError
+from pydantic import Field, PlainValidator, PrivateAttr, TypeAdapter, ValidationError
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.records import names_in
@@ -21,14 +21,29 @@ from gaitsweep.claims.measures import MEASURES, Value
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.extension import ExtensionError, folders, import_all
 from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_name
-from gaitsweep.schema.numbers import Stem
+from gaitsweep.schema.numbers import Flag, InvalidValue, NotNegative, Real, Stem, checked
 from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic
 from gaitsweep.schema.yaml_document import read_document
 from gaitsweep.shipped import job_folders
 
-_Numbers = Annotated[list[float], Field(min_length=1)]
 _Words = Annotated[list[str], Field(min_length=1)]
 _ROUNDING = 1e-12  # by which a value on a bound may be beyond it, as a share of the largest of them
+
+
+def _read_paper_value(value: Any) -> float | str | list[float] | list[str]:
+    """Read a number, a text, or a list of either; raises InvalidValue."""
+    values = value if isinstance(value, list) else [value]
+    if values and all(isinstance(item, str) for item in values):
+        return value
+    if not values or not all(isinstance(item, int | float) and not isinstance(item, bool) for item in values):
+        raise InvalidValue(f"is {quoted(value)}, but must be a number or a text, or a list of such.")
+    return list(map(float, values)) if isinstance(value, list) else float(value)
+
+
+_PaperValue = Annotated[
+    float | str | list[float] | list[str],
+    PlainValidator(checked(_read_paper_value)),
+]
 
 
 class PaperJob(StrictModel):
@@ -52,10 +67,10 @@ class PaperJob(StrictModel):
 class Bounds(StrictModel):
     """The values that a claim allows."""
 
-    tolerance: FiniteFloat | None = Field(default=None, ge=0, description="absolute tolerance")
-    between: tuple[FiniteFloat, FiniteFloat] | None = Field(default=None, description="allowed interval")
-    above: FiniteFloat | None = Field(default=None, description="lower bound of the value")
-    below: FiniteFloat | None = Field(default=None, description="upper bound of the value")
+    tolerance: NotNegative | None = Field(default=None, description="absolute tolerance")
+    between: tuple[Real, Real] | None = Field(default=None, description="allowed interval")
+    above: Real | None = Field(default=None, description="lower bound of the value")
+    below: Real | None = Field(default=None, description="upper bound of the value")
 
 
 class Quick(Bounds):
@@ -73,7 +88,7 @@ class Claim(Bounds):
     measure: str = Field(description="name of the measure")
     of: list[str] = Field(default=[], description="jobs whose tables the measure takes, in this order")
     with_: dict[str, Any] = Field(default={}, alias="with", description="keyword arguments of the measure")
-    paper: float | str | _Numbers | _Words = Field(description="the paper's value")
+    paper: _PaperValue = Field(description="the paper's value")
     unit: str = Field(
         default="", description="unit of the value; 1 for a number without unit, empty for texts"
     )
@@ -82,7 +97,7 @@ class Claim(Bounds):
     )
     because: str = Field(description="reason for this tolerance")
     chosen: str = Field(default="", description="choices made where the paper gives no value")
-    asked: bool = Field(
+    asked: Flag = Field(
         default=False,
         description="whether the paper leaves the question open, so that the answer is "
         "ours and not a claim of the paper",

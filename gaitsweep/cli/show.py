@@ -53,8 +53,12 @@ def estimate(needs: Estimate) -> str:
     if needs.self_check_s > 0.05 * needs.seconds:
         rows = f"{needs.self_check_rows} row{'s' * (needs.self_check_rows != 1)}"
         check = f"about {duration(needs.self_check_s)} for the self-check of {rows}"
-        if needs.unsettled_reruns:
-            check += f" (rows that end as cycle_limit add up to {needs.unsettled_reruns} reruns)"
+        further = {
+            "rows that end as cycle_limit add up to {} reruns": needs.unsettled_reruns,
+            "up to {} others are added if none of its rows ends soundly": needs.added_rows,
+        }
+        if any(further.values()):
+            check += f" ({'; '.join(words.format(most) for words, most in further.items() if most)})"
         time += f"; of these {check} (`verify: 0` turns it off)"
     refined = f", about {needs.simulated} of them simulated" if needs.simulated < needs.rows else ""
     lines = {"rows": f"{needs.rows} in {needs.blocks} block{'s' * (needs.blocks != 1)}{refined}"}

@@ -2,7 +2,7 @@
 
 `figure_kind` turns a function into a kind, and `register` adds a class; call them before jobs are read.
 
-Kinds: `basins/` has the outcomes of starts and pushes, `bifurcations/` what happens along a parameter;
+Kinds: `basin_maps/` has the outcomes of starts and pushes, `bifurcations/` what happens along a parameter;
 `footprint_diagrams.py`, `phase_shifts.py` and `survival_shares.py` have one kind each. `kind.py` is the
 interface of a kind, `arguments.py` has the types of its arguments, and `kinds.py` imports all kinds and draws
 any of them.

@@ -13,10 +13,10 @@ from gaitsweep.plot.arguments import Panels as Panels
 from gaitsweep.plot.arguments import TableOrName as TableOrName
 from gaitsweep.plot.arguments import Title as Title
 from gaitsweep.plot.arguments import Window as Window
-from gaitsweep.plot.basins.cells import CellGrid as CellGrid
-from gaitsweep.plot.basins.cells import cell_edges as cell_edges
-from gaitsweep.plot.basins.cells import cell_grid as cell_grid
-from gaitsweep.plot.basins.cells import hatch_cells as hatch_cells
+from gaitsweep.plot.basin_maps.cells import CellGrid as CellGrid
+from gaitsweep.plot.basin_maps.cells import cell_edges as cell_edges
+from gaitsweep.plot.basin_maps.cells import cell_grid as cell_grid
+from gaitsweep.plot.basin_maps.cells import hatch_cells as hatch_cells
 from gaitsweep.plot.column_labels import axis_label as axis_label
 from gaitsweep.plot.column_labels import described as described
 from gaitsweep.plot.column_labels import row_names as row_names

@@ -9,9 +9,11 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import pkgutil
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, ParamSpec, cast
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, create_model
 
@@ -293,8 +295,13 @@ def register(kind: type[FigureKind]) -> type[FigureKind]:
 
     Raises:
         TypeError: the class has no field `kind: Literal["its_name"]`.
-        ValueError: there is another kind of this name.
+        ValueError: there is another kind of this name, or `gaitsweep.plot` has the name for something else.
     """
+    from gaitsweep import plot
+
+    name = kind_of(kind)
+    if name in {*plot.__all__, *(module.name for module in pkgutil.iter_modules(plot.__path__))}:
+        raise ValueError(f"gaitsweep.plot.{name} is no figure: choose another name for this kind.")
     return FIGURES.register(kind)
 
 
@@ -311,8 +318,8 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
     @functools.wraps(kind.draw)
     def drawn(*args: Any, ax: Axes | None = None, **spec: Any) -> Figure:
         style_fields = {name: spec.pop(name) for name in STYLE_FIELDS if name in spec}
-        args = tuple(map(_numbered, args))
-        spec = {name: _numbered(value) for name, value in spec.items()}
+        args = tuple(map(_readable, args))
+        spec = {name: _readable(value) for name, value in spec.items()}
         table = args[0] if args else spec.get("table")
         if takes_table and not isinstance(table, pd.DataFrame):
             raise PlotError(_no_table(table))
@@ -347,14 +354,29 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
     return drawn
 
 
-def _numbered(value: Any) -> Any:
-    """A table with an index from 0, by which figures find its rows; other arguments as they are.
+def _readable(value: Any) -> Any:
+    """A table with an index from 0, by which figures find its rows, and without `pd.NA`; else the argument.
 
-    `pandas.concat` repeats index values, and a selection of rows leaves some out.
+    `pandas.concat` repeats index values, and a selection of rows leaves some out. NaN takes the place of
+    `pd.NA`, which NumPy cannot compare.
     """
-    if isinstance(value, pd.DataFrame) and not value.index.equals(pd.RangeIndex(len(value))):
-        return value.reset_index(drop=True)
+    if not isinstance(value, pd.DataFrame):
+        return value
+    if not value.index.equals(pd.RangeIndex(len(value))):
+        value = value.reset_index(drop=True)
+    with_na = [place for place in range(value.shape[1]) if _may_have_na(value.iloc[:, place])]
+    value = value.copy(deep=False) if with_na else value
+    for place in with_na:
+        values = value.iloc[:, place].astype(object)
+        value.isetitem(place, values.where(values.notna(), np.nan).infer_objects())
     return value
+
+
+def _may_have_na(column: pd.Series) -> bool:
+    """Whether missing values of a column are `pd.NA`, of a column of objects whether it has one."""
+    if pd.api.types.is_object_dtype(column):
+        return any(item is pd.NA for item in column)
+    return getattr(column.dtype, "na_value", None) is pd.NA
 
 
 def _no_table(value: object) -> str:

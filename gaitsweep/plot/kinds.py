@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 
 from gaitsweep import near_miss
 from gaitsweep.extension import import_all
-from gaitsweep.plot.basins.basin_heat_map import basin as basin
-from gaitsweep.plot.basins.basin_heat_map import recovery as recovery
-from gaitsweep.plot.basins.basin_heat_map import shock as shock
-from gaitsweep.plot.basins.basin_measures import basin_measures as basin_measures
-from gaitsweep.plot.basins.gait_map import gait_map as gait_map
+from gaitsweep.plot.basin_maps.basin_heat_map import basin as basin
+from gaitsweep.plot.basin_maps.basin_heat_map import recovery as recovery
+from gaitsweep.plot.basin_maps.basin_heat_map import shock as shock
+from gaitsweep.plot.basin_maps.basin_measures import basin_measures as basin_measures
+from gaitsweep.plot.basin_maps.gait_map import gait_map as gait_map
 from gaitsweep.plot.bifurcations.atlas import atlas as atlas
 from gaitsweep.plot.bifurcations.atlas import orbit_family as orbit_family
 from gaitsweep.plot.bifurcations.atlas import road_map as road_map

@@ -1,4 +1,4 @@
-"""The legend of a figure: below its panels, or in an empty cell of their grid."""
+"""The legend of a figure, below its panels or in an empty cell of their grid, and scales of colours."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any, cast
 
+import matplotlib as mpl
 import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.transforms import ScaledTranslation
@@ -20,6 +25,8 @@ _BELOW = 0.4  # inches: height of a legend below panels
 _LINE = 0.13  # inches: height of another line in a legend
 _POINTS = 7.5
 _KEY_WIDTH = 0.45  # inches: of the mark before a text in a legend
+_SCALE = mpl.colormaps["viridis"].with_extremes(under="#CC79A7", over="#D55E00")
+_ARROWS = {(False, True): "max", (True, False): "min", (True, True): "both"}
 
 
 def legend(
@@ -115,6 +122,32 @@ def _legend_in_cell(figure: Figure, look: dict[str, Any]) -> bool:
         return True
     drawn.remove()
     return False
+
+
+class ColourScale(ScalarMappable):
+    """The colours of numbers (n,): from the least to the largest finite one, and those of infinite ones."""
+
+    def __init__(self, numbers: Float[np.ndarray, " numbers"]) -> None:
+        finite = numbers[np.isfinite(numbers)]
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+        margin = 0.0 if low < high else 0.1 * abs(low) or 0.1
+        self._low, self._high = low - margin, high + margin
+        super().__init__(Normalize(self._low, self._high), _SCALE)
+        self._infinite = bool(np.isneginf(numbers).any()), bool(np.isposinf(numbers).any())
+
+    def on_scale(self, numbers: Float[np.ndarray, " *numbers"]) -> Float[np.ndarray, " *numbers"]:
+        """The numbers, with finite ones beyond the ends for infinite ones, which Matplotlib does not draw."""
+        span = self._high - self._low
+        return np.clip(numbers, self._low - span, self._high + span)
+
+    def draw_bar(
+        self, figure: Figure, beside: Axes | Sequence[Axes], label: str, shrink: float = 1.0
+    ) -> None:
+        """Draw the colour bar beside axes, with arrows in the colours of infinite numbers."""
+        if any(self._infinite):
+            label += "\n(arrows: infinite)" if all(self._infinite) else "\n(arrow: infinite)"
+        arrows = _ARROWS.get(self._infinite, "neither")
+        figure.colorbar(self, ax=beside, label=label, shrink=shrink, extend=arrows)
 
 
 def percent(share: float) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -56,15 +55,16 @@ def phase_response(
         if not len(rows):
             theme.message(axes, "no rows yet")
             return figure
-        ends = (None, None) if few else (float(lines[0][0]), float(lines[-1][0]))
-        scale = ScalarMappable(Normalize(*ends), "viridis")
+        colours: Sequence[Any] = theme.LINE_COLOURS
+        if not few:
+            amounts = np.array([value for value, _ in lines], float)
+            scale = theme.ColourScale(amounts)
+            colours = list(scale.to_rgba(scale.on_scale(amounts)))
+            scale.draw_bar(figure, axes, described(table, str(hue), 30))
         handles = []
         for number, (value, of_line) in enumerate(lines):
             look: dict[str, Any] = {"lw": 1.1, "marker": ".", "ms": 3.0}
-            palette = theme.LINE_COLOURS
-            look["color"] = (
-                palette[number % len(palette)] if few else scale.to_rgba(np.array([value], float))[0]
-            )
+            look["color"] = colours[number % len(colours)]
             look["ls"] = theme.DASHES[number % len(theme.DASHES)] if few else "-"
             _draw_line(axes, of_line, x, y, look)
             label = "" if value is None else written(table, str(hue), value)
@@ -74,8 +74,6 @@ def phase_response(
         axes.set_ylabel(described(table, y, 30))
         if hue and few:
             theme.legend(figure, handles, ncols=min(3, len(handles)), in_cell=True)
-        elif hue:
-            figure.colorbar(scale, ax=axes, label=described(table, str(hue), 30))
     return figure
 
 

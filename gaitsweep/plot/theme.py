@@ -33,6 +33,7 @@ from gaitsweep.plot.gait_looks import markers as markers
 from gaitsweep.plot.gait_looks import mixed as mixed
 from gaitsweep.plot.gait_looks import named as named
 from gaitsweep.plot.gait_looks import ordered as ordered
+from gaitsweep.plot.legend import ColourScale as ColourScale
 from gaitsweep.plot.legend import grow as grow
 from gaitsweep.plot.legend import legend as legend
 from gaitsweep.plot.legend import percent as percent

@@ -19,7 +19,7 @@ from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check import RerunRows, add_rows, compare_stored, look_at_unsettled, self_check
-from gaitsweep.runs.self_check_result import LEAST_ROWS, SelfCheck, rows_to_repeat
+from gaitsweep.runs.self_check_result import SelfCheck, most_added, rows_to_repeat
 from gaitsweep.runs.sentences import SELF_CHECK_SECONDS
 from gaitsweep.status import RECURRENT, Status, StatusNames
 from gaitsweep.table import Table
@@ -109,12 +109,11 @@ class ConcurrentSelfCheck:
 
     def _comparable_rows(self, rerun: RerunRows) -> Int[np.ndarray, " rows"]:
         """Evenly spread rows that ended soundly, if none of the rerun rows did; no more than those."""
-        result = rerun.result
-        at_ends = self._context.job.run.compared != "crossings"
-        if not (at_ends and isinstance(result, RowOutcome)) or _COMPARABLE.among(result.status).any():
+        result, most = rerun.result, most_added(self._context, self._rows)
+        if not (most and isinstance(result, RowOutcome)) or _COMPARABLE.among(result.status).any():
             return np.zeros(0, np.int64)
         rows = np.setdiff1d(self._rows_with({"status": sorted(_COMPARABLE)}), rerun.rows)
-        return rows[np.linspace(0, rows.size - 1, min(LEAST_ROWS, self._rows, rows.size)).astype(int)]
+        return rows[np.linspace(0, rows.size - 1, min(most, rows.size)).astype(int)]
 
     def _at_cycle_limit(self) -> Int[np.ndarray, " rows"]:
         """The rows that ended as `cycle_limit`, none of them pushed."""

@@ -20,7 +20,7 @@ from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import TableRunKind, table_columns
 from gaitsweep.runs.prepare import RunContext, nominal_period, prepare
 from gaitsweep.runs.repeating_rows import most_reruns
-from gaitsweep.runs.self_check_result import finer_share, is_checked, rows_to_repeat
+from gaitsweep.runs.self_check_result import finer_share, is_checked, most_added, rows_to_repeat
 from gaitsweep.status import Status
 from gaitsweep.table.parquet_parts import arrow_part
 
@@ -56,8 +56,9 @@ class Estimate:
         compile_s: the time of compilation (s).
         self_check_s: the time of the self-check (s), which the others include.
         self_check_rows: the rows that it reruns.
+        added_rows: the most rows that it reruns, too, if none of these has a comparable end.
         unsettled_reruns: the most rows that it reruns, too, if they end as `cycle_limit`; `seconds_most`
-            alone includes their time.
+            alone includes the time of both.
     """
 
     rows: int
@@ -77,6 +78,7 @@ class Estimate:
     compile_s: float
     self_check_s: float
     self_check_rows: int
+    added_rows: int
     unsettled_reruns: int
 
 
@@ -107,8 +109,10 @@ def estimate(job: Job) -> Estimate:
     timed_rows_most = max(spec.n_rows, pace.at_a_time)
     self_check_rows = rows_to_repeat(context) if is_checked(context) else 0
     self_check_s = _rerun_seconds(context, pace, cost.likely, self_check_rows)
+    added_rows = most_added(context, self_check_rows)
     unsettled_reruns = most_reruns(context) if self_check_rows else 0
-    unsettled_s = _rerun_seconds(context, pace, cost.most, unsettled_reruns)
+    further_s = _rerun_seconds(context, pace, cost.likely, added_rows)
+    further_s += _rerun_seconds(context, pace, cost.most, unsettled_reruns)
     fixed_s = pace.compile_s + self_check_s
     columns = len(table_columns(context.design, job.run))
     records_longer = cost.records if cost.longer_records is None else cost.longer_records
@@ -127,7 +131,7 @@ def estimate(job: Job) -> Estimate:
         disk_bytes=int(simulated_bytes + inferred_bytes + part_headers),
         seconds=fixed_s + pace.seconds(timed_rows, cost.likely, spec),
         seconds_longer=fixed_s + pace.seconds(timed_rows, cost.longer or cost.likely, spec),
-        seconds_most=fixed_s + unsettled_s + pace.seconds(timed_rows_most, cost.most, spec),
+        seconds_most=fixed_s + further_s + pace.seconds(timed_rows_most, cost.most, spec),
         lanes=spec.lanes,
         device=context.device,
         engine=context.engine,
@@ -135,6 +139,7 @@ def estimate(job: Job) -> Estimate:
         compile_s=pace.compile_s,
         self_check_s=self_check_s,
         self_check_rows=self_check_rows,
+        added_rows=added_rows,
         unsettled_reruns=unsettled_reruns,
     )
 

@@ -180,6 +180,12 @@ def rows_to_repeat(context: RunContext) -> int:
     return min(job.verify, design.n_rows, max(LEAST_ROWS, most))
 
 
+def most_added(context: RunContext, rows: int) -> int:
+    """Return the most rows that are added to a sample of `rows` of which none has a comparable end."""
+    compares_ends = context.job.run.compared != "crossings"
+    return min(LEAST_ROWS, rows, context.design.n_rows - rows) if compares_ends else 0
+
+
 def sample_rows(design: Design, count: int) -> Int[np.ndarray, " sampled"]:
     """Select representative rows (n,): both ends of axes, as far as `count` allows, and evenly spread points.
 

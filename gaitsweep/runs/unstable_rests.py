@@ -103,87 +103,190 @@ def unstable_rests(
         The first such record of each row: `row`, its number `sample` there, and the moving parameter. Rows
         whose rerun does not rest where they do are among them.
     """
-    model, numerics = context.model, context.spec.numerics
-    in_fixed_steps = fixed_step_scheme(numerics.method, model) is not None
+    model = context.model
+    in_fixed_steps = fixed_step_scheme(context.spec.numerics.method, model) is not None
     if in_fixed_steps and model.host_parameters:
         return records.iloc[:0]  # a map has no parameters that the host computes
-    rows, place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)
-    ahead = _changes_ahead(model, records)
-    total_crossings = int(np.asarray(records.groupby("row")["crossing"].max(), np.int64).sum())
-    records = records.assign(place=place, sample=records.groupby("row").cumcount(), ahead=ahead)
-    resting = records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
-    records = records.iloc[np.flatnonzero(resting)]
-    observed = _observables(model, records)
-    unmoved = _near(model, observed, begun[place[resting]], UNMOVED)
-    signs = signs_of_symmetry(model, observed)
-    suspects = records.iloc[np.flatnonzero(unmoved | signs.any(axis=1))]
-    if suspects.empty:
-        return suspects
-
-    parameters, starts = context.design.values_in(rows)
-    shape = _state_shape(context, parameters, starts)
-    moving = context.job.run.moved
-    following = context.design.following(moving) if moving is not None else {}
-
-    def values_at(some: pd.DataFrame) -> dict[str, Float[np.ndarray, " records"]]:
-        values = {name: column[some["place"]] for name, column in parameters.items() if name not in following}
-        return values if moving is None else {**values, moving: some[moving].to_numpy(float)}
-
-    engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
-    mapping = BatchedReturnMap(model, tuple(following.items()), numerics, engine)
-    at_section = not isinstance(context.spec.recorder, StepRecorder)
-    deciding = (mapping.settings, numerics, at_section)
-    follow = _following(mapping, deciding)
-    telling = ~np.all(signs, axis=0)
-    if not telling.all():
-        first_of_rows = np.unique(suspects["place"], return_index=True)[1]
-        spread = np.linspace(0, first_of_rows.size - 1, min(PROBED_ROWS, first_of_rows.size)).astype(int)
-        probed = suspects.iloc[first_of_rows[spread]]
-        points = _starting_points(context, mapping, rows[probed["place"]], shape)
-        telling |= ~_signs_by_the_section(mapping, follow, points, values_at(probed))
-        suspects = records.iloc[np.flatnonzero(unmoved | signs[:, telling].any(axis=1))]
-        if suspects.empty:
-            return suspects
     # a crossing of a simulator takes long: the least number suffices for one state
     min_budget = MAX_CROSSINGS * COPIES if in_fixed_steps else MIN_BUDGET
-    budget = max(total_crossings, min_budget)
+    budget = max(int(np.asarray(records.groupby("row")["crossing"].max(), np.int64).sum()), min_budget)
+    resting = _resting(model, records)
+    observed = _observables(model, resting)
+    unmoved = _near(model, observed, begun[resting["place"]], UNMOVED)
+    signs = signs_of_symmetry(model, observed)
+    suspects = resting.iloc[np.flatnonzero(unmoved | signs.any(axis=1))]
+    if suspects.empty:
+        return suspects
+    states = _StatesOfRows(context, np.unique(records["row"].to_numpy(np.int64)))
+    telling = states.telling_signs(suspects, signs)
+    suspects = resting.iloc[np.flatnonzero(unmoved | signs[:, telling].any(axis=1))]
+    if suspects.empty:
+        return suspects
     count = int(np.clip(budget // (MIN_CROSSINGS * COPIES), 1, MAX_STATES))
     suspects = suspects.iloc[followed(suspects["ahead"].to_numpy(float), count)]
-
-    recorder = StateRecorder(model, context.spec.recorder, state_size(shape))
-    rerun_places = np.unique(suspects["place"])
-    outcome = rerun(rows[rerun_places], recorder)
-    samples, same = _samples(recorder, outcome, np.searchsorted(rerun_places, suspects["place"]), suspects)
-    not_reproduced = suspects.iloc[np.flatnonzero(~same)]
-    suspects = suspects.iloc[np.flatnonzero(same)]
-    if suspects.empty:
-        return _first_of_rows(not_reproduced)
-
-    values = values_at(suspects)
-    states = states_of(samples[same], shape)
-    points = _points(mapping, values, states, follow, deciding, at_section=at_section)
-    leaving = np.arange(len(points))
-    # a smaller displacement is lost among the digits of float32
-    for share in (1.0, SMALLER) if numerics.dtype == "float64" else (1.0,):
-        if leaving.size:
-            displaced = _DisplacedStates(
-                mapping,
-                follow,
-                points[leaving],
-                {name: column[leaving] for name, column in values.items()},
-                _observables(model, suspects.iloc[leaving]),
-                telling,
-                period=int(np.max(suspects["period"].to_numpy(np.int64), initial=1)),
-                smooth=not in_fixed_steps,
-                share=share,
-            )
-            leaving = leaving[displaced.follow(budget, on_progress)]
-    return _first_of_rows(pd.concat([not_reproduced, suspects.iloc[leaving]]))
+    samples, same = states.rerun(suspects, rerun)
+    unstable = [suspects.iloc[np.flatnonzero(~same)]]
+    if same.any():
+        suspects = suspects.iloc[np.flatnonzero(same)]
+        leaving = states.leaving(suspects, samples[same], telling, budget, on_progress)
+        unstable.append(suspects.iloc[leaving])
+    # the record of each row with the least number there
+    return pd.concat(unstable).sort_values(["row", "sample"]).drop_duplicates("row")
 
 
-def _first_of_rows(records: pd.DataFrame) -> pd.DataFrame:
-    """The record of each row with the least number there."""
-    return records.sort_values(["row", "sample"]).drop_duplicates("row")
+def _resting(model: Model, records: pd.DataFrame) -> pd.DataFrame:
+    """The records that rest, with the `place` of their row, their number `sample` in it, and `ahead`."""
+    place = np.unique(records["row"].to_numpy(np.int64), return_inverse=True)[1]
+    sample = records.groupby("row").cumcount()
+    numbered = records.assign(place=place, sample=sample, ahead=_changes_ahead(model, records))
+    resting = records["rests"].to_numpy(bool) & (records["crossing"].to_numpy(np.int64) > 0)
+    return numbered.iloc[np.flatnonzero(resting)]
+
+
+class _StatesOfRows:
+    """The states in which some rows of a job rest, which its return map follows.
+
+    Args:
+        context: the job's context.
+        rows: the rows (n,), of which records have the `place`.
+    """
+
+    def __init__(self, context: RunContext, rows: Int[np.ndarray, " rows"]) -> None:
+        self._context, self._rows = context, rows
+        self._model, self._numerics = context.model, context.spec.numerics
+        self._moving = context.job.run.moved
+        parameters, starts = context.design.values_in(rows)
+        self._shape = _state_shape(context, parameters, starts)
+        following = {} if self._moving is None else context.design.following(self._moving)
+        self._parameters = {name: column for name, column in parameters.items() if name not in following}
+        engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
+        self._mapping = BatchedReturnMap(self._model, tuple(following.items()), self._numerics, engine)
+        self._at_section = not isinstance(context.spec.recorder, StepRecorder)
+        self._deciding = self._mapping.settings, self._numerics, self._at_section
+        self._follow = _following(self._mapping, self._deciding)
+
+    def _values_at(self, records: pd.DataFrame) -> dict[str, Float[np.ndarray, " records"]]:
+        """The parameters of the map at records."""
+        moved = {} if self._moving is None else {self._moving: records[self._moving].to_numpy(float)}
+        return {name: column[records["place"]] for name, column in self._parameters.items()} | moved
+
+    def telling_signs(
+        self, suspects: pd.DataFrame, signs: Bool[np.ndarray, "records signs"]
+    ) -> Bool[np.ndarray, " signs"]:
+        """Mask of the signs of symmetry that are not due to the section.
+
+        Args:
+            suspects: records with such signs, or of rows that have not moved.
+            signs: the signs of all records that rest.
+        """
+        telling = ~np.all(signs, axis=0)
+        if telling.all():
+            return telling
+        first_of_rows = np.unique(suspects["place"], return_index=True)[1]
+        spread = np.linspace(0, first_of_rows.size - 1, min(PROBED_ROWS, first_of_rows.size)).astype(int)
+        return telling | ~self._signs_by_the_section(suspects.iloc[first_of_rows[spread]])
+
+    def _signs_by_the_section(self, probed: pd.DataFrame) -> Bool[np.ndarray, " signs"]:
+        """Mask of the signs that displaced starts of the rows of records all have at their next crossing."""
+        starts = self._starting_points(self._rows[probed["place"]])
+        displaced = _with_copies(starts, START_DISPLACEMENT)[len(starts) :]
+        copies = {name: np.tile(column, DIRECTIONS) for name, column in self._values_at(probed).items()}
+        images = self._follow(displaced, copies, len(displaced))
+        observed = np.stack([images.observed[q.name] for q in self._model.observables], axis=1)
+        signs = signs_of_symmetry(self._model, observed[images.sound])
+        return np.all(signs, axis=0) & bool(images.sound.any())
+
+    def _starting_points(self, rows: Int[np.ndarray, " rows"]) -> Points:
+        """The coordinates and states of rows (n,) at their starts, which may lie between crossings."""
+        model, spec, chart = self._model, self._context.spec, self._mapping.chart
+
+        def point(params: Params, state: State) -> tuple[jax.Array, list[jax.Array]]:
+            return chart.to_coordinates(params, state), jax.tree.leaves(state)
+
+        of_rows = over_started_rows(point, "starting_point", model, spec.numerics.dtype, spec.drive)
+        parameters, starts = self._context.design.values_in(rows)
+        at, leaves = of_rows(model.on_host(parameters), starts)
+        structure = jax.tree.structure(self._shape)
+        return Points(np.asarray(at), jax.tree.unflatten(structure, map(np.asarray, leaves)))
+
+    def rerun(
+        self,
+        suspects: pd.DataFrame,
+        rerun: Callable[[Int[np.ndarray, " rows"], StateRecorder], RowOutcome],
+    ) -> tuple[Float[np.ndarray, "suspects width"], Bool[np.ndarray, " suspects"]]:
+        """The samples of rerun rows at some records, and whether the rerun rests where these do."""
+        recorder = StateRecorder(self._model, self._context.spec.recorder, state_size(self._shape))
+        names = [quantity.name for quantity in self._model.observables]
+        places, place = np.unique(suspects["place"], return_inverse=True)
+        outcome = rerun(self._rows[places], recorder)
+        number = suspects["sample"].to_numpy()  # of the record in its row
+        exists = number < outcome.record_counts[place]
+        first = np.cumsum(outcome.record_counts) - outcome.record_counts
+        samples = outcome.samples[np.where(exists, first[place] + number, 0)]
+        observed = outcome.last[place]
+        if recorder.base.names:
+            observed = samples[:, [recorder.names.index(f"{name}_n") for name in names]]
+        return samples, exists & _near(self._model, observed, suspects[names].to_numpy(float), SAME)
+
+    def leaving(
+        self,
+        suspects: pd.DataFrame,
+        samples: Float[np.ndarray, "suspects width"],
+        telling: Bool[np.ndarray, " signs"],
+        budget: int,
+        on_progress: Callable[[float], None],
+    ) -> Int[np.ndarray, " leaving"]:
+        """The places of the suspects whose displaced states leave them.
+
+        Args:
+            suspects: the records.
+            samples: those of the rerun, with their states.
+            telling: a mask of the signs of symmetry that tell a symmetric gait.
+            budget: the crossings in which the states are followed.
+            on_progress: called with the share that is followed.
+        """
+        values = self._values_at(suspects)
+        points = self._points(values, states_of(samples, self._shape))
+        leaving = np.arange(len(points))
+        # a smaller displacement is lost among the digits of float32
+        for share in (1.0, SMALLER) if self._numerics.dtype == "float64" else (1.0,):
+            if leaving.size:
+                displaced = _DisplacedStates(
+                    self._mapping,
+                    self._follow,
+                    points[leaving],
+                    {name: column[leaving] for name, column in values.items()},
+                    _observables(self._model, suspects.iloc[leaving]),
+                    telling,
+                    period=int(np.max(suspects["period"].to_numpy(np.int64), initial=1)),
+                    smooth=fixed_step_scheme(self._numerics.method, self._model) is None,
+                    share=share,
+                )
+                leaving = leaving[displaced.follow(budget, on_progress)]
+        return leaving
+
+    def _points(self, values: Mapping[str, Float[np.ndarray, " states"]], states: State) -> Points:
+        """The points of states (n,) at a crossing of the section, or of the next crossings of others."""
+        mapping, at_section = self._mapping, self._at_section
+        # coordinates of a chart of all variables describe any state, so that the map itself leads to the
+        # section
+        by_map = not at_section and isinstance(mapping.chart, AllVariables)
+
+        def point(
+            values_of_state: Mapping[str, jax.Array], state: State
+        ) -> tuple[jax.Array, list[jax.Array]]:
+            params = mapping.params(values_of_state)
+            crossed = state if at_section or by_map else mapping.state(params, state)[1]
+            return mapping.chart.to_coordinates(params, crossed), jax.tree.leaves(crossed)
+
+        leaves, structure = jax.tree.flatten(states)
+        complete = mapping.complete(values, len(leaves[0]))
+        if at_section or by_map:
+            at, crossed = over_rows(point, "resting_point", mapping.model, self._deciding)(complete, states)
+        else:
+            at, crossed = jax.jit(jax.vmap(point))(complete, states)
+        points = Points(np.asarray(at), jax.tree.unflatten(structure, map(np.asarray, crossed)))
+        return self._follow(points, values, COPIES * len(points)).points if by_map else points
 
 
 def _observables(model: Model, records: pd.DataFrame) -> Float[np.ndarray, "records observables"]:
@@ -280,86 +383,6 @@ def _state_shape(
 
     inputs = model.on_host(parameters), starts
     return jax.eval_shape(state, *jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape[1:], x.dtype), inputs))
-
-
-def _starting_points(
-    context: RunContext, mapping: BatchedReturnMap, rows: Int[np.ndarray, " rows"], shape: State
-) -> Points:
-    """The coordinates and states of rows (n,) at their starts, which may lie between crossings."""
-    model, spec = context.model, context.spec
-
-    def point(params: Params, state: State) -> tuple[jax.Array, list[jax.Array]]:
-        return mapping.chart.to_coordinates(params, state), jax.tree.leaves(state)
-
-    of_rows = over_started_rows(point, "starting_point", model, spec.numerics.dtype, spec.drive)
-    parameters, starts = context.design.values_in(rows)
-    at, leaves = of_rows(model.on_host(parameters), starts)
-    return Points(np.asarray(at), jax.tree.unflatten(jax.tree.structure(shape), map(np.asarray, leaves)))
-
-
-def _signs_by_the_section(
-    mapping: BatchedReturnMap,
-    follow: _Follow,
-    starts: Points,
-    values: Mapping[str, Float[np.ndarray, " points"]],
-) -> Bool[np.ndarray, " signs"]:
-    """Mask of the signs of symmetry that displaced starts (n,) all have at their next crossing."""
-    displaced = _with_copies(starts, START_DISPLACEMENT)[len(starts) :]
-    copies = {name: np.tile(column, DIRECTIONS) for name, column in values.items()}
-    images = follow(displaced, copies, len(displaced))
-    observed = np.stack([images.observed[q.name] for q in mapping.model.observables], axis=1)
-    signs = signs_of_symmetry(mapping.model, observed[images.sound])
-    return np.all(signs, axis=0) & bool(images.sound.any())
-
-
-def _samples(
-    recorder: StateRecorder, outcome: RowOutcome, place: Int[np.ndarray, " suspects"], suspects: pd.DataFrame
-) -> tuple[Float[np.ndarray, "suspects width"], Bool[np.ndarray, " suspects"]]:
-    """The samples of rerun rows at some records, and whether the rerun rests where these do.
-
-    Args:
-        recorder: the recorder of the rerun.
-        outcome: its results.
-        place: the place of each record's row among the rerun ones.
-        suspects: the records.
-    """
-    names = [quantity.name for quantity in recorder.model.observables]
-    number = suspects["sample"].to_numpy()  # of the record in its row
-    exists = number < outcome.record_counts[place]
-    first = np.cumsum(outcome.record_counts) - outcome.record_counts
-    samples = outcome.samples[np.where(exists, first[place] + number, 0)]
-    observed = outcome.last[place]
-    if recorder.base.names:
-        observed = samples[:, [recorder.names.index(f"{name}_n") for name in names]]
-    return samples, exists & _near(recorder.model, observed, suspects[names].to_numpy(float), SAME)
-
-
-def _points(
-    mapping: BatchedReturnMap,
-    values: Mapping[str, Float[np.ndarray, " states"]],
-    states: State,
-    follow: _Follow,
-    deciding: Any,
-    *,
-    at_section: bool,
-) -> Points:
-    """The points of states (n,) at a crossing of the section, or of the next crossings of states between."""
-    # coordinates of a chart of all variables describe any state, so that the map itself leads to the section
-    by_map = not at_section and isinstance(mapping.chart, AllVariables)
-
-    def point(values_of_state: Mapping[str, jax.Array], state: State) -> tuple[jax.Array, list[jax.Array]]:
-        params = mapping.params(values_of_state)
-        crossed = state if at_section or by_map else mapping.state(params, state)[1]
-        return mapping.chart.to_coordinates(params, crossed), jax.tree.leaves(crossed)
-
-    leaves, structure = jax.tree.flatten(states)
-    complete = mapping.complete(values, len(leaves[0]))
-    if at_section or by_map:
-        at, crossed = over_rows(point, "resting_point", mapping.model, deciding)(complete, states)
-    else:
-        at, crossed = jax.jit(jax.vmap(point))(complete, states)
-    points = Points(np.asarray(at), jax.tree.unflatten(structure, map(np.asarray, crossed)))
-    return follow(points, values, COPIES * len(points)).points if by_map else points
 
 
 class _Images(NamedTuple):

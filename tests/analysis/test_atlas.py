@@ -110,6 +110,26 @@ def test_a_branch_is_lost_where_trajectories_do_not_come_back() -> None:
     assert lost["change"].tolist() == ["no return to the section"]
 
 
+class BoundedFlip(PlainMap):
+    """A map with an event in each iteration, but none below x = 0.55, where trajectories do not come back."""
+
+    def events(self, points: Points, values: Values) -> list[Events]:
+        return [[(0.5, "turn")] if x > 0.55 else [] for x in points.at[:, 0]]
+
+
+def test_a_branch_of_several_crossings_is_lost_where_one_of_them_does_not_come_back() -> None:
+    """The smaller one of the two points of the logistic map's orbit is 0.55 where r is about 3.12."""
+
+    def image(values: Values, x: Coordinates) -> Coordinates:
+        return jnp.where(x > 0.55, values["r"] * x * (1.0 - x), jnp.nan)
+
+    bounded = BoundedFlip(image, ("x",), (("r", 2.9),))
+    search = searched(bounded, {"r": 2.9}, [0.5], [0.7], 1, 8)
+    table = atlas_table(atlas_of(bounded, search, {"r": 2.9}, "r", (2.8, 3.4), 1), search, 2.9)
+    lost = table[(table["end"] == "lost") & (table["period"] == 2)]
+    assert lost["change"].tolist() == ["no return to the section"]
+
+
 @pytest.mark.slow
 def test_a_cascade_to_period_16() -> None:
     """Flips of the logistic map at 3, 1 + sqrt 6, ... to 1e-10, and Feigenbaum's ratio to a per cent."""

@@ -274,7 +274,8 @@ def test_figure_of_branches() -> None:
         (to_hex(line.get_color()), line.get_linestyle()) for line in lines if np.size(line.get_xdata()) > 1
     ]
     beneath = (to_hex(figure.axes[0].get_facecolor()), "-")  # of dashes of another branch
-    assert styles == [("#0072b2", "-"), beneath, ("#d55e00", "--")]
+    interval = ("#e2e2e2", "-")  # over it, so that the gaps have the colour of the interval
+    assert styles == [("#0072b2", "-"), beneath, interval, ("#d55e00", "--")]
     marks = [line for line in lines if line.get_marker() == "o" and np.size(line.get_xdata())]
     assert len(marks) == 1
     a = np.array([0.25, 1.0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
 from gaitsweep.analysis.continuation.bifurcation_curves import bifurcation_curve
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
-from gaitsweep.analysis.continuation.critical_points import SecondParameter
+from gaitsweep.analysis.continuation.critical_points import SecondParameter, equations_at
 from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.newton import ConservedConstraints
 from gaitsweep.analysis.continuation.normal_forms import coefficient
@@ -46,8 +48,11 @@ def reduced(kind: str) -> PlainMap:
     return PlainMap(image, ("x", "y"), (("r", 0.0),))
 
 
-def lifted(plane: PlainMap) -> PlainMap:
-    """The same map in three coordinates, z = H + a curved function of x and y: H is conserved."""
+def lifted(plane: PlainMap, unit: float = 1.0) -> PlainMap:
+    """The same map in three coordinates, z = H + a curved function of x and y: H is conserved.
+
+    The value of the conserved quantity is H times `unit`.
+    """
 
     def curved(u: Coordinates) -> Coordinates:
         return 0.8 * u[0] ** 2 + 0.5 * u[0] * u[1] - 0.6 * u[1] ** 2 + 0.4 * u[0] ** 3
@@ -59,7 +64,7 @@ def lifted(plane: PlainMap) -> PlainMap:
         u = plane.function(values, at[:2], H(values, at))  # type: ignore[call-arg]
         return jnp.append(u, H(values, at) + curved(u))
 
-    return PlainMap(image, ("x", "y", "z"), plane.defaults, invariants=(("H", H),))
+    return PlainMap(image, ("x", "y", "z"), plane.defaults, invariants=(("H", lambda *of: unit * H(*of)),))
 
 
 def bifurcation(
@@ -81,6 +86,35 @@ def test_the_normal_form_on_a_level_set(kind: str) -> None:
     assert abs(expected) > 1e-4
     # differences of Jacobians over 1e-3 of a coordinate's scale
     assert found == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_unit_of_a_conserved_quantity_does_not_matter(unit: float) -> None:
+    plane = reduced("flip")
+    expected = coefficient(*bifurcation(plane, [0.0, 0.0], []), "flip")
+    found = coefficient(*bifurcation(lifted(plane, unit), [0.0, 0.0, LEVEL], ["H"]), "flip")
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_rounding_makes_no_pair_of_the_multipliers_of_two_conserved_quantities() -> None:
+    """Both are 1, or a pair nearer to the unit circle than the critical one beside its bifurcation."""
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        mixing = random.normal(size=(4, 4))
+        inverse = np.linalg.inv(mixing)
+
+        def image(
+            values: Values, at: Coordinates, mixing: Any = mixing, inverse: Any = inverse
+        ) -> Coordinates:
+            turn = jnp.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
+            x = inverse @ at
+            return mixing @ jnp.concatenate([(1.0 + values["r"]) * turn @ x[:2], x[2:]])
+
+        H, K = (lambda _, at, row=row: row @ at for row in inverse[2:])
+        mapping = PlainMap(image, ("a", "b", "c", "d"), (("r", 0.0),), invariants=(("H", H), ("K", K)))
+        problem, at = bifurcation(mapping, [0.0] * 4, ["H", "K"])
+        beside = problem.first(at.points, np.zeros((1, 2)), np.full(1, 1e-3), 1.0)
+        assert equations_at(problem, beside, "neimark_sacker")[1][-1] == pytest.approx(ANGLE, abs=1e-9)
 
 
 def test_flips_on_a_level_set_turn_from_super_to_subcritical() -> None:

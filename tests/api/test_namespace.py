@@ -130,8 +130,16 @@ def test_no_module_rebinds_a_function() -> None:
         # the command line runs when it is imported, and the painter fixes MuJoCo's OpenGL for the process
         if not module.name.endswith(("__main__", "mujoco_painter")):
             importlib.import_module(module.name)
-    for name in ("run", "sweep", "simulate", "basins", "return_map", "hysteresis", "load", "sensitivity"):
-        assert callable(getattr(gs, name)), name
+    for name in PUBLIC:
+        package = importlib.import_module(name)
+        modules = {module.name for module in pkgutil.iter_modules(getattr(package, "__path__", ()))}
+        stub = Path(str(package.__file__)).with_suffix(".pyi")
+        imports = ast.walk(ast.parse(stub.read_text(encoding="utf-8"))) if modules and stub.exists() else ()
+        for node in imports:
+            if isinstance(node, ast.ImportFrom) and node.module != name:
+                assert not modules & {alias.asname for alias in node.names}, name
+    assert not hasattr(gs.plot, "basins")  # nor a module where a near miss is proposed
+    assert not {module.name for module in pkgutil.iter_modules(gs.plot.__path__)} & set(gs.plot.FIGURES)
 
 
 def imported_by(code: str, *names: str) -> list[str]:

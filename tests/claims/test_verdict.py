@@ -63,6 +63,22 @@ def test_a_bound_is_a_finite_number(bound: dict[str, Any]) -> None:
         claim(paper="about one", **bound)
 
 
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"paper": True, "tolerance": 0.1},
+        {"paper": [1.0, True], "tolerance": 0.1},
+        {"paper": [1.0, "two"], "tolerance": 0.1},
+        {"paper": 1.0, "tolerance": True},
+        {"paper": "about one", "between": [False, 2.0]},
+        {"paper": "about one", "above": True},
+    ],
+)
+def test_a_boolean_is_no_number(fields: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="must be a number"):
+        claim(**fields)
+
+
 def test_quick_replaces_the_bound() -> None:
     one = claim(paper=0.43, tolerance=0.01, quick={"tolerance": 0.05})
     quick = one.as_quick()

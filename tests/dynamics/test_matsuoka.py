@@ -285,7 +285,7 @@ def test_a_stable_gait_is_not_called_unstable_and_a_push_back_over_the_section_i
     A push by 1e-4 to either side of the section moves the crossings by as much; the pace of the short cycle
     that a push back over the section would close is 1e4.
     """
-    monkeypatch.setattr(unstable_rests, "_signs_by_the_section", lambda *_: np.False_)
+    monkeypatch.setattr(unstable_rests._StatesOfRows, "_signs_by_the_section", lambda *_: np.False_)
     run = gs.Settle(max_cycles=60, tolerance=1e-6)
     check = gs.sweep(HalfCentres(), run=run, verify=2, u_1_0=[0.1, 0.2]).manifest["self_check"]
     assert check["verdict"] == "passed"

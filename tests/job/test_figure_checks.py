@@ -25,6 +25,7 @@ SETTLE: dict[str, Any] = {"kind": "settle"}
 MAP = {"kind": "return_map", "crossings": 20}
 TRACE = {"kind": "trace", "duration": 1, "every": 0.05}
 BRANCH = {"kind": "continuation", "parameter": "beta", "path": [0.7, 0.8]}
+ATLAS = {**BRANCH, "kind": "atlas", "ranges": {"psi_1": [1, 2], "psi_2": [1, 2], "psi_3": [1, 2]}}
 FEET = "planar_quadruped"
 
 
@@ -69,6 +70,7 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "chain_theory", "show": "sets", "k": 4}, TRACE, MASSES, "", "k is 4, but a chain of 4 legs"),
     ({"kind": "chain_theory", "show": "sets"}, TRACE, SEEDS, FEET, "needs the multi-legged chain's psi_1"),
     ({"kind": "wave_speed", "x": "beta"}, TRACE, MASSES, "", "x is beta, which does not vary in this job"),
+    ({"kind": "road_map", "row": True}, ATLAS, MASSES, "", "row is true, but must be a number"),
     ({"kind": "footprints"}, TRACE, {"launch_1": [1]}, "toy_model:Toy", "needs the signals contact_1"),
 ]  # fmt: skip
 

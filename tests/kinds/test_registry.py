@@ -131,6 +131,20 @@ def test_a_name_is_given_once() -> None:
         kinds.register(Nameless)
 
 
+@pytest.mark.parametrize("name", ["limbs", "draw"])
+def test_a_figure_has_no_name_of_a_module_or_function_of_plot(name: str) -> None:
+    """`gs.plot.NAME` would be something else than the figure."""
+
+    def figure(table: pd.DataFrame) -> Figure:
+        """A figure."""
+        return Figure()
+
+    figure.__name__ = name
+    with pytest.raises(ValueError, match=rf"gaitsweep\.plot\.{name} is no figure: choose another name"):
+        plot.figure_kind("settle")(figure)
+    assert name not in plot.FIGURES
+
+
 @pytest.mark.parametrize("kind", list(kinds.RUN_KINDS))
 def test_every_kind_describes_itself(kind: str) -> None:
     part = kinds.RUN_KINDS[kind]

@@ -9,7 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from gaitsweep import plot
@@ -211,6 +213,17 @@ def test_a_branch_is_not_joined_over_points_that_are_not_there() -> None:
         assert max(x1 - x0 for x0, _, x1, _ in pieces) == pytest.approx(0.1)
 
 
+def test_a_point_whose_stability_is_missing_is_not_called_stable() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0))
+    for missing in (pd.NA, np.nan):
+        stable = table["stable"].astype(object)
+        stable[3] = missing
+        poor = table.assign(stable=stable)
+        poor.attrs = table.attrs
+        with pytest.raises(plot.PlotError, match="stable has no value at some points"):
+            plot.continuation(poor, y="delta_13")
+
+
 def test_both_directions_of_a_map_are_lines_of_their_own() -> None:
     """`continue_` follows a branch both ways from one point; y is the map's first coordinate."""
     both = [branch(0, 1.0, 0.5, end).assign(direction=way) for way, end in ((1, 1.0), (-1, 0.0))]
@@ -378,3 +391,46 @@ def test_more_numbers_of_steps_than_colours_are_drawn() -> None:
     table["status"] = "complete"
     figure = plot.survival(table, x="roughness", steps=range(1, 11))
     assert len(figure.axes[0].containers) == 10
+
+
+def test_infinite_numbers_have_colours_beyond_the_scale_of_the_finite_ones() -> None:
+    table = settle_table()
+    table["speed"] = np.linspace(0.0, 1.0, len(table))
+    table.loc[1, "speed"] = np.inf
+    figure = plot.basin(table, x="psi_1", y="psi_2", panels="psi_3", hue="speed")
+    panel, bar = figure.axes[0], figure.axes[-1]
+    rendered(figure)
+    assert bar.get_ylabel() == "speed\n(arrow: infinite)"
+    mesh = panel.collections[0]
+    assert isinstance(mesh, QuadMesh)
+    assert mesh.get_clim() == (0.0, 1.0)
+    colours = np.asarray(mesh.get_facecolor()).reshape(4, 4, 4)
+    assert np.argwhere((colours == to_rgba("#D55E00")).all(axis=-1)).tolist() == [[0, 1]]
+
+    branches = followed(branch(0, 1.0, 0.0, 1.0), branch(1, 2.0, 0.0, 1.0), branch(2, -np.inf, 0.0, 1.0))
+    figure = plot.continuation(branches, y="delta_13", hue="mass")
+    assert figure.axes[-1].get_ylim() == (1.0, 2.0)
+    pushes = [
+        pd.DataFrame({"push_phase": [0.2, 0.7], "phase_shift": 0.1 * k, "amount": amount})
+        for k, amount in enumerate([*range(9), np.inf])
+    ]
+    figure = plot.phase_response(pd.concat(pushes), hue="amount")
+    assert figure.axes[-1].get_ylim() == (0.0, 8.0)
+    assert to_rgba(figure.axes[0].lines[9].get_color()) == to_rgba("#D55E00")
+
+
+def test_an_interval_shows_in_the_gaps_of_dashes() -> None:
+    table = followed(branch(0, 1.0, 0.0, 1.0).assign(stable=False))
+    figure = plot.continuation(table, y="delta_13", intervals={"lost": [-0.5, 1.5]})
+    rendered(figure)
+    axes = figure.axes[0]
+    axes.set_xlim(0.0, 1.0)
+    figure.set_layout_engine("none")
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, :3]
+    inside = axes.get_window_extent().padded(-4.0)
+    panel = pixels[int(inside.y0) : int(inside.y1), int(inside.x0) : int(inside.x1)]
+    assert panel.size
+    assert panel.min(axis=2).max() < 255  # no pixel is white

@@ -13,6 +13,7 @@ import pytest
 from gaitsweep import plot
 from gaitsweep.errors import UserError
 from gaitsweep.plot import PlotError
+from gaitsweep.status import Status
 from tests.support import hysteresis_tables
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
 
@@ -171,6 +172,21 @@ def test_poor_tables_of_slow_changes_and_maps_do_not_crash(whole: str) -> None:
     rendered(plot.return_map(crossings, y="delta_13", form="next"))
     rendered(plot.branches(crossings, y="delta_13", x="f"))
     rendered(plot.gait_map(settled, x="f", y="beta"))
+
+
+@pytest.mark.parametrize("name", ["f", "crossing", "status", "delta_13_n"])
+def test_a_value_that_pandas_calls_na_is_a_missing_one(name: str) -> None:
+    """NumPy compares `pd.NA` with nothing: neither the values of panels, nor a status."""
+    table = hysteresis_tables.map_table(starts=5, crossings=5)
+    for dtype in ("nullable", object):
+        values = table[name].astype(object)
+        values[1] = pd.NA
+        poor = table.assign(**{name: values.convert_dtypes() if dtype == "nullable" else values})
+        poor.attrs = table.attrs
+        rendered(plot.return_map(poor, y="delta_13", panels="f"))
+        assert poor[name].array[1] is pd.NA
+    statuses = np.array([pd.NA, None, np.nan, "fell", "settled"], object)
+    assert Status.FAILED.among(statuses).tolist() == [False, False, False, True, False]
 
 
 def test_axes_without_rows_have_their_range_or_no_ticks() -> None:

@@ -79,6 +79,16 @@ def test_the_self_check_counts() -> None:
     )  # the reruns of these have programs of their own
 
 
+def test_the_rows_that_a_self_check_may_add_are_named() -> None:
+    vary = {"preload": {"linspace": [0.5, 0.9, 6]}}
+    job = Job(name="x", model="toy_model:Toy", run={"kind": "settle"}, vary=vary, verify=3)
+    needs = estimate(job)
+    assert needs.added_rows == 3
+    assert "reruns; up to 3 others are added if none of its rows ends soundly)" in show.estimate(needs)
+    crossings = job.model_copy(update={"run": {"kind": "return_map", "crossings": 50}})
+    assert estimate(crossings).added_rows == 0
+
+
 CUSP = {"kind": "continuation", "parameter": "r", "path": [-1.0, 1.0], "settle": 20}
 
 

@@ -201,7 +201,8 @@ BISECTIONS = 40
 MOST_CHANGES = 8
 # Distances beyond the end of a lost branch, relative to the coordinates, at which its events are read.
 BEYOND_END = (1e-4, 1e-3, 1e-2)
-# The change where trajectories beyond the end have no events: they fall, or do not come back to the section.
+# The change where trajectories beyond the end have only the first events, or none: they fall, or do not come
+# back to the section.
 NO_RETURN = "no return to the section"
 
 
@@ -341,8 +342,8 @@ def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) 
 def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> tuple[str, ...]:
     """The changes of the order of events just beyond an end at which a branch is lost; empty without any.
 
-    Where trajectories do not come back there, this is the change. The points beyond the end lie on the line
-    through the records `inner` and `at_end`.
+    Where trajectories have only the first of the events there, and then do not come back, this is the change.
+    The points beyond the end lie on the line through the records `inner` and `at_end`.
     """
     end, before = branch.point(at_end), branch.point(inner)
     problem, mapping = branch.problem, branch.problem.mapping
@@ -353,7 +354,8 @@ def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> 
         points = Points(end.points.at + share * ahead_of_end, end.points.modes)
         parameter = end.parameter + share * (end.parameter - before.parameter)
         beyond = mapping.events(points, problem.values_at(parameter))[0]
-        if events and not beyond:
+        names, names_beyond = ([name for _, name in of_orbit] for of_orbit in (events, beyond))
+        if len(names_beyond) < len(names) and names_beyond == names[: len(names_beyond)]:
             return (NO_RETURN,)
         if changes := changes_of_order(events, beyond):
             return changes

@@ -474,7 +474,8 @@ def equations_at(
     )
     extra: list[float] = []
     if kind == "neimark_sacker":
-        factors = np.linalg.eigvals(at.images.jacobian[0])
+        gradients = at.images.conserved_jacobian[:, problem.constraints.which]
+        factors = multipliers(at.images.jacobian, gradients)[0]
         extra = [float(np.angle(critical_multiplier(factors, kind)))]
     elif kind == "branch_point":
         extra = [0.0]

@@ -164,18 +164,18 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     Where conserved quantities are constrained, the normal form is that of the map on their level set.
 
     Returns:
-        NaN for other kinds, where the map has a corner beside the point, and at a Hopf point on such a level
-        set.
+        NaN for other kinds, and where the map has a corner beside the point.
     """
     if kind not in SIMPLE:
         return float("nan")
     if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
-        if problem.constraints.which:
-            return float("nan")
         return hopf_form(problem.mapping, at.points, problem.values_at(at.parameter)).l1
     # an angle is measured in rad wherever it is cut
-    scale = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
-    size, constraints = len(scale), problem.constraints
+    of_coordinates = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
+    size, constraints = len(of_coordinates), problem.constraints
+    # a conserved quantity by its gradient, whatever its unit
+    steepness = np.linalg.norm(at.images.conserved_jacobian[0, constraints.which] * of_coordinates, axis=1)
+    scale = np.append(of_coordinates, np.where(steepness > 0.0, steepness, 1.0))
     J = _extended(at.images, constraints, scale)[0]
     if not np.isfinite(J).all():
         return float("nan")
@@ -186,7 +186,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
     beside = [sign * BESIDE * u[:size] for u in directions for sign in (1.0, -1.0)]
     first_branch = np.zeros(len(beside), int)
-    points = Points(at.points.at + np.stack(beside) * scale, at.points[first_branch].modes)
+    points = Points(at.points.at + np.stack(beside) * of_coordinates, at.points[first_branch].modes)
     images = problem[first_branch].evaluated(points, at.parameter[first_branch])
     if not images.sound.all():
         return float("nan")
@@ -211,13 +211,13 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
 
 
 def _extended(
-    images: MapEvaluation, constraints: ConservedConstraints, scale: Float[np.ndarray, " coordinates"]
+    images: MapEvaluation, constraints: ConservedConstraints, scale: Float[np.ndarray, " unknowns"]
 ) -> Float[np.ndarray, "points unknowns unknowns"]:
     """The Jacobians in scaled coordinates, with rows and columns of the constraints as in `matrices`."""
     full = matrices(images, constraints)
-    full[:, : len(scale), : len(scale)] = images.jacobian
-    of_unknowns = np.append(scale, np.ones(len(constraints.which)))
-    return full * of_unknowns / of_unknowns[:, None]
+    size = images.jacobian.shape[1]
+    full[:, :size, :size] = images.jacobian
+    return full * scale / scale[:, None]
 
 
 def _critical_vectors(

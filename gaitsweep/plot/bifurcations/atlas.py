@@ -36,6 +36,7 @@ from gaitsweep.plot.columns import (
 )
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.plot.style_names import period_names
+from gaitsweep.schema.numbers import CountOrZero
 
 STABLE_WIDTH = 2.2
 _BAR = 4.0  # points: width of a bar
@@ -81,7 +82,7 @@ def road_map(
     table: pd.DataFrame,
     *,
     y: Annotated[Observable | None, "observable of the model; by default its first"] = None,
-    row: Annotated[int, "row of the job"] = 0,
+    row: Annotated[CountOrZero, "row of the job"] = 0,
     title: Title = None,
 ) -> Figure:
     """Draw the branches of all gaits over the parameter, stable ones thick, with their bifurcations.
@@ -126,7 +127,9 @@ def road_map(
 
 
 @figure_kind("atlas", coloured="periods")
-def atlas(table: pd.DataFrame, *, row: Annotated[int, "row of the job"] = 0, title: Title = None) -> Figure:
+def atlas(
+    table: pd.DataFrame, *, row: Annotated[CountOrZero, "row of the job"] = 0, title: Title = None
+) -> Figure:
     """Draw the curves of bifurcations in the plane of both parameters, and what happens along them.
 
     Line styles are the kinds of bifurcation, colours the periods of the gaits. Thin lines are bifurcations of
@@ -255,8 +258,8 @@ def _curve_key(curves: pd.DataFrame, colours: dict[str, str]) -> list[Line2D]:
 def orbit_family(
     table: pd.DataFrame,
     *,
-    branch: Annotated[int, "number of the branch"] = 0,
-    row: Annotated[int, "row of the job"] = 0,
+    branch: Annotated[CountOrZero, "number of the branch"] = 0,
+    row: Annotated[CountOrZero, "row of the job"] = 0,
     title: Title = None,
 ) -> Figure:
     """Draw the times of the events of the gaits along a branch, as shares of the cycle, and its duration.

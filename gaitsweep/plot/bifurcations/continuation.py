@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Shaped
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -60,6 +59,7 @@ def draw_branch(
     *,
     origin: float | None,
     stable_width: float = 1.4,
+    beside: Sequence[Patch] = (),
 ) -> None:
     """Draw one branch: its pieces, solid, dashed or dotted, and its bifurcations.
 
@@ -70,6 +70,7 @@ def draw_branch(
         colour: that of its lines; None: the colours of stable and unstable gaits.
         origin: the angle (rad) at which the axis y cuts the circle, where lines end; None if y is no angle.
         stable_width: width of the line where the branch is stable, in points.
+        beside: areas behind the branches, which show in the gaps of dashes.
     """
     at, value = branch[x].to_numpy(float), unwrap_from(branch[y].to_numpy(float), origin)
     absent = np.diff(branch["point"].to_numpy(int)) > 1  # no line across a point that the table lacks
@@ -86,6 +87,9 @@ def draw_branch(
         look = looks[piece]
         if piece == "unstable":  # dashes of a branch that was followed from two starts would fill their gaps
             axes.plot(*line, color=axes.get_facecolor(), lw=look["lw"], zorder=1.9)
+            for area in beside:
+                (within,) = axes.plot(*line, color=area.get_facecolor(), lw=look["lw"], zorder=1.9)
+                within.set_clip_path(area)
         axes.plot(*line, zorder=2 if piece == "stable" else 1.9, **look)
     draw_marks(axes, at, value, branch["special"].to_numpy(object))
 
@@ -137,7 +141,12 @@ def pieces(branch: pd.DataFrame) -> list[Piece]:
     """The pieces between the points of a branch: stable, unstable, or over a kink of the map.
 
     The stability of a piece is that of its end that is no bifurcation.
+
+    Raises:
+        PlotError: the stability of a point is missing.
     """
+    if np.any(branch["stable"].isna()):
+        raise PlotError("stable has no value at some points of a branch: leave these points out.")
     special = branch["special"].fillna("").to_numpy(str)
     stable = branch["stable"].to_numpy(bool)
     bifurcates = np.isin(special, list(_MARKERS))
@@ -214,7 +223,7 @@ def continuation(
         x: the column of the parameter; by default that of the table's job.
 
     Raises:
-        PlotError: the table lacks a column, or a range is not two numbers.
+        PlotError: the table lacks a column or the stability of a point, or a range is not two numbers.
     """
     for label, ends in intervals.items():
         if len(ends) != 2:
@@ -231,10 +240,13 @@ def continuation(
             return figure
         colours, hue_key = _colours_of_rows(figure, axes, table, hue)
         origin = origin_of(table, name, table[name].to_numpy(float))
-        for number, (low, high) in enumerate(intervals.values()):
+        spans = [
             axes.axvspan(low, high, zorder=0, **style_of_range(number))
+            for number, (low, high) in enumerate(intervals.values())
+        ]
         for _, branch in table.groupby(of_branch, sort=True):
-            draw_branch(axes, branch, x, name, colours.get(branch["row"].iloc[0]), origin=origin)
+            colour = colours.get(branch["row"].iloc[0])
+            draw_branch(axes, branch, x, name, colour, origin=origin, beside=spans)
         theme.value_axis(axes, angle=origin is not None)
         of_branches = key(table, intervals, coloured=hue is not None)
         theme.legend(figure, [*hue_key, *of_branches], ncols=2)
@@ -270,10 +282,9 @@ def _colours_of_rows(
     has_number = ~np.isnan(values)
     colours_of_rows: dict[Any, Any] = dict.fromkeys(numbers.index, grey)
     if has_number.any():
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        shades = ScalarMappable(Normalize(low, high if high > low else low + 1.0), "viridis")
-        figure.colorbar(shades, ax=axes, label=described(table, hue), shrink=0.85)
-        of_numbers = map(tuple, shades.to_rgba(values[has_number]))
+        scale = theme.ColourScale(values[has_number])
+        scale.draw_bar(figure, axes, described(table, hue), 0.85)
+        of_numbers = map(tuple, scale.to_rgba(scale.on_scale(values[has_number])))
         colours_of_rows |= dict(zip(numbers.index[has_number], of_numbers, strict=True))
     return colours_of_rows, [] if has_number.all() else [without_hue]
 

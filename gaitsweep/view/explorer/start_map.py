@@ -17,7 +17,7 @@ from gaitsweep.angles import branch_cut
 from gaitsweep.design import Design
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
-from gaitsweep.plot.basins.cells import cell_edges
+from gaitsweep.plot.basin_maps.cells import cell_edges
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where
 from gaitsweep.status import Outcome, Status
 from gaitsweep.view.explorer.page_format import label_of, written

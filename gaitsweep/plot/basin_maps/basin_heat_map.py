@@ -9,8 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -30,7 +28,7 @@ from gaitsweep.plot.arguments import (
     Title,
     Vertical,
 )
-from gaitsweep.plot.basins.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.basin_maps.cells import cell_grid, check_cells, colour_cells, hatch_cells
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     HATCHED,
@@ -108,18 +106,18 @@ def basin(
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(parts), sharex=True, sharey=True)
         looks = theme.colours(names), theme.markers(names), theme.hatches(names)
-        of_scale = table.loc[~shown.isin(HATCHED), hue]
-        norm = Normalize(of_scale.min(), of_scale.max()) if numeric else None
-        images = [
-            _cells(axes, part, (x, y, hue), shown.loc[part.index], norm, looks, table)
+        scale = None
+        if numeric:
+            scale = theme.ColourScale(table.loc[~shown.isin(HATCHED), hue].to_numpy(float))
+        drawn = [
+            _cells(axes, part, (x, y, hue), shown.loc[part.index], scale, looks, table)
             for axes, (_, part) in zip(grid, parts, strict=True)
         ]
         for axes, text in zip(grid, headings, strict=False):  # without panels there are none
             axes.set_title(text, fontsize=theme.points(7.5))
         _label_axes(table, grid, x, y, columns, int(side * _LETTERS))
-        drawn = [image for image in images if image is not None]
-        if drawn:
-            figure.colorbar(drawn[-1], ax=figure.axes, label=described(table, hue, 36), shrink=0.8)
+        if scale is not None and any(drawn):
+            scale.draw_bar(figure, figure.axes, described(table, hue, 36), 0.8)
         if key:
             caption = _caption(table, x, y, above_panels=bool(headings)) if shares else ""
             if hue == "gait" and (advice := _hue_advice(table, names)):
@@ -230,18 +228,18 @@ def _cells(
     part: pd.DataFrame,
     names_of_columns: tuple[str, str, str],
     shown: pd.Series,
-    norm: Normalize | None,
+    scale: theme.ColourScale | None,
     looks: _Looks,
     table: pd.DataFrame,
-) -> ScalarMappable | None:
-    """Draw one panel of a table; returns the artist of the colour scale for a numeric hue.
+) -> bool:
+    """Draw one panel of a table; returns whether it has rows.
 
     Args:
         axes: the panel.
         part: its rows.
         names_of_columns: x, y and hue.
         shown: the outcome of each row of the part.
-        norm: the colour scale of a numeric hue; None for another.
+        scale: that of a numeric hue; None for another.
         looks: colour, marker and hatch of each outcome.
         table: the rows of all panels.
     """
@@ -249,32 +247,35 @@ def _cells(
     part = rows_where(part, part[x].notna() & part[y].notna())
     if not len(part):
         theme.message(axes, "no rows yet")
-        return None
+        return False
     log_axes(axes, part, x=x, y=y)
     shown = shown.loc[part.index]
     colour, marker, hatch = looks
-    names = [name for name in shown.unique() if norm is None or name in HATCHED]
-    values = None if norm is None else part[hue].astype(float).where(~shown.isin(HATCHED))
-    scale: dict[str, Any] = {"cmap": "viridis", "norm": norm}
+    names = [name for name in shown.unique() if scale is None or name in HATCHED]
+    values, on_scale = None, {}
+    if scale is not None:
+        values = scale.on_scale(part[hue].astype(float).where(~shown.isin(HATCHED)).to_numpy(float))
+        on_scale: dict[str, Any] = {"cmap": scale.cmap, "norm": scale.norm}
     grid = cell_grid(part, x, y, table)
     if grid is None:
         size = float(np.clip(4e3 / len(part), 2.0, 30.0))
         for name in names:
             starts = rows_where(part, shown == name)
             axes.scatter(starts[x], starts[y], c=colour[name], marker=marker[name], s=size, linewidths=0.6)
-        return None if norm is None else axes.scatter(part[x], part[y], c=values, s=size, **scale)
+        if scale is not None:
+            axes.scatter(part[x], part[y], c=values, s=size, **on_scale)
+        return True
     if part.duplicated([x, y]).any():
         raise PlotError(_why_repeated(part, x, y))
-    image = None
-    if norm is not None:
-        image = axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **scale)
+    if scale is not None:
+        axes.pcolormesh(*grid.edges, grid.placed(part, values), rasterized=True, **on_scale)
     marked = rows_where(part, shown.isin(names))
     if len(marked):
         colour_cells(axes, grid, marked, [colour[name] for name in shown.loc[marked.index]])
     for name in names:
         if hatch[name]:
             hatch_cells(axes, grid, part, shown == name, hatch[name], theme.line_on(colour[name]))
-    return image
+    return True
 
 
 def _why_repeated(part: pd.DataFrame, x: str, y: str) -> str:

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import GaitColumn, Horizontal, Title, Vertical
-from gaitsweep.plot.basins.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
+from gaitsweep.plot.basin_maps.cells import CellGrid, cell_grid, colour_cells, hatch_cells, hatch_look
 from gaitsweep.plot.columns import HATCHED, OTHER, is_turn, outcome, require_columns, rows_where
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.status import Outcome
