@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.models.conformity import fault
 
 
 class OnBelt(gs.DeclaredModel):
@@ -209,6 +211,16 @@ def test_what_a_sliding_state_would_not_feel_is_refused(
 ) -> None:
     with pytest.raises(gs.UserError, match=says):
         gs.sweep(Carried(), run=run, **values)
+
+
+def test_noise_across_a_surface_is_refused() -> None:
+    """A state with noise in the height does not stay on the surface; other noise it may have."""
+    noisy = {
+        name: type("Noisy", (Carried,), {"noise": gs.diffusion(lambda self, p, s, name=name: {name: 0.1})})()
+        for name in ("x", "v")
+    }
+    assert fault(noisy["x"]) is None
+    assert re.search("intensity of v, with which a state leaves the surface of slip", fault(noisy["v"]) or "")
 
 
 def test_a_flow_without_its_decorator_is_refused() -> None:
