@@ -206,9 +206,7 @@ def test_a_block_follows_the_stairs_of_its_belt() -> None:
         ),
     ],
 )
-def test_what_a_sliding_state_would_not_feel_is_refused(
-    run: Any, values: dict[str, float], says: str
-) -> None:
+def test_what_a_sliding_state_would_not_feel_is_refused(run: Any, values: dict[str, Any], says: str) -> None:
     with pytest.raises(gs.UserError, match=says):
         gs.sweep(Carried(), run=run, **values)
 
