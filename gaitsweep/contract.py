@@ -409,7 +409,8 @@ class HybridModel(Model):
     1. A model gives what `Model` asks for, `flow` and `guards`.
     2. It may give the optional members of `Model`, and those of this class: `linear`, `recommended`,
        `fast_modes`, `locates_events` and `fixed_step_scheme` for the method, `simultaneous`, `longest_chain`,
-       `guard_names` and `occurred` for the events, `energies` for the check of the flow.
+       `guard_names` and `occurred` for the events, `energies` for the check of the flow,
+       `displaced` for pushes.
     3. The engine alone calls the functions.
     """
 
@@ -469,6 +470,10 @@ class HybridModel(Model):
         its rounding error after a jump: otherwise simultaneous events of two limbs may follow without end.
         A flow without events returns `jnp.zeros((0,))`; its section is then never crossed.
         """
+
+    def displaced(self, params: Params, state: State, /) -> State:
+        """The state after a push has moved its variables, with the modes that follow from where it lies."""
+        return state
 
     def energies(self, params: Params, state: State, /) -> dict[str, Float[Array, ""]]:
         """Energies by name that the flow keeps between events; `gaitsweep check-model` prints their rates."""

@@ -157,6 +157,20 @@ def names_used(expression: str | float) -> set[str]:
     return names_of_tree(_parsed(expression)) - set(CONSTANTS)
 
 
+def terms_of(expression: str) -> list[str]:
+    """The terms of a sum or difference, without their signs; of another expression itself."""
+    terms, trees = [], [_parsed(expression)]
+    while trees:
+        match trees.pop():
+            case ast.BinOp(left, ast.Add() | ast.Sub(), right):
+                trees += [right, left]
+            case ast.UnaryOp(ast.UAdd() | ast.USub(), operand):
+                trees.append(operand)
+            case tree:
+                terms.append(ast.unparse(tree))
+    return terms
+
+
 def names_of_tree(tree: ast.expr) -> set[str]:
     """The names in a tree, without those of the functions that it calls."""
     called = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}

@@ -178,7 +178,7 @@ def _pushed(mapping: BatchedReturnMap, variables: tuple[Place, ...]) -> Callable
             for (name, index), amount in zip(variables, amounts, strict=True):
                 pushed = jnp.asarray(getattr(state, name)).at[index].add(amount)
                 state = dataclasses.replace(state, **{name: pushed})
-            after, state, status = mapping.state(params, state)
+            after, state, status = mapping.state(params, model.displaced(params, state))
             return (after, mapping.chart.to_coordinates(params, state)), status
 
         (late, moved), status = jax.jacfwd(crossing, has_aux=True)(jnp.zeros(len(variables)))

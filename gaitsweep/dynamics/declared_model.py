@@ -122,17 +122,19 @@ class DeclaredModel(Declared, HybridModel):
         if events:
             shape = (len(events),)
             fields[ARMING] = Arming(jnp.zeros(shape, bool), jnp.zeros(shape), jnp.zeros(shape, jnp.int32))
-        return self._begun(params, self._on_its_side(params, self._placed(params, self.State(**fields))))
+        return self._begun(params, self._placed(params, self.State(**fields)))
 
     def _placed(self, params: Any, state: Any) -> Any:
         """The state at t = 0 from its initial conditions, before modes and events follow from it."""
         return self.complete(params, state)
 
-    def _on_its_side(self, params: Any, state: Any) -> Any:
+    def displaced(self, params: Any, state: Any, /) -> Any:
         """The state with the mode of sliding that follows from its variables."""
         for surface in self.declarations.of_kind(Sliding).values():
             meets, _ = surface.events
-            rounding = Surfaces(self, params, state).of(SingleEvent(meets)).rounding
+            # the event's function is the height times the mode, which is 0 where the state slides
+            above = state.replace(**{surface.name: 1})
+            rounding = Surfaces(self, params, above).of(SingleEvent(meets)).rounding
             state = surface.begun(self, params, state, rounding)
         return state
 
@@ -142,10 +144,11 @@ class DeclaredModel(Declared, HybridModel):
         return chosen or super().section_variables()
 
     def _begun(self, params: Any, state: Any, *, crossed: bool = False) -> Any:
-        """The state with its events armed by where it lies and moves.
+        """The state with its mode of sliding and its events armed by where it lies and moves.
 
         With `crossed`, a state on the surface of a section is just behind its crossing.
         """
+        state = self.displaced(params, state)
         surfaces = Surfaces(self, params, state)
         period = self.period(params)
         modes = []
@@ -214,7 +217,7 @@ class DeclaredModel(Declared, HybridModel):
                 displaced = displaced | happens
         if of_sliding:
             # a jump of another event may take the state off the surface, or onto it
-            after = _where(displaced, self._on_its_side(params, after), after)
+            after = _where(displaced, self.displaced(params, after), after)
         after = self._rearmed(params, state, after, fired, rates) if self._armed() else after
         return self._stepped(params, state, after)
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from gaitsweep.dynamics.event_declarations import Event
+from gaitsweep.dynamics.noise import along_rates
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.declared_model import DeclaredModel
@@ -84,14 +85,22 @@ class Sliding:
         return (above < below) & (jnp.abs(_balance(above, below)) <= self._held_up_to(params))
 
     def begun(self, model: DeclaredModel, params: Any, state: Any, rounding: Float[Array, ""]) -> Any:
-        """The state with the mode that follows from where it lies; `rounding` is the error of the height."""
+        """The state with the mode that follows from where it lies; `rounding` is the error of the height.
+
+        A state that slides is put on the surface, as the flows of both sides would do within no time. So it
+        is there, too, that derivatives lead by small displacements off the surface.
+        """
         height = self.height(params, state)
-        above, below = self._sides(model, params, state)
+        flows = [model.flow(params, state.replace(**{self.name: side})) for side in (1, -1)]
+        above, below = (self._rate(params, state, rates) for rates in flows)
         slides = self._holds(params, above, below)
         leaves = jnp.where(above > 0.0, 1, -1)
         side = jnp.where(height > 0.0, 1, -1)
         at_surface = jnp.where(slides, 0, leaves)
-        return state.replace(**{self.name: jnp.where(jnp.abs(height) <= rounding, at_surface, side)})
+        mode = jnp.where(jnp.abs(height) <= rounding, at_surface, side)
+        across = {name: flows[0][name] - flows[1][name] for name in flows[0]}
+        back = jnp.where(mode == 0, -height / jnp.where(slides, above - below, 1.0), 0.0)
+        return along_rates(state, across, back).replace(**{self.name: mode})
 
     def _rate(self, params: Any, state: Any, rates: Any) -> Float[Array, ""]:
         """The time derivative of the height at some rates."""

@@ -270,6 +270,10 @@ class PushedModel(HybridModel):
     ) -> Bool[Array, " guards"]:
         return self.model.occurred(self._acting(params, state), _plain(state), fired)
 
+    def displaced(self, params: PushedParams, state: State, /) -> State:
+        after = self.model.displaced(self._acting(params, state), _plain(state))
+        return extended(after, MODES, [getattr(state, mode) for mode in MODES])
+
     def energies(self, params: PushedParams, state: State, /) -> dict[str, Float[Array, ""]]:
         return self.model.energies(self._acting(params, state), _plain(state))
 
@@ -286,15 +290,15 @@ class PushedModel(HybridModel):
             now: whether the push comes.
         """
         impulse = {} if self.forced else self._along(state, params.amounts)
-        moved = {name: getattr(state, name) + jnp.where(now, more, 0.0) for name, more in impulse.items()}
-        lasts = self.forced or self.stepped is not None
-        return dataclasses.replace(
-            state, **moved, push_acts=state.push_acts | (now & lasts), push_due=state.push_due & ~now
-        )
+        moved = {name: getattr(state, name) + more for name, more in impulse.items()}
+        acts = jnp.asarray(self.forced or self.stepped is not None)
+        after = dataclasses.replace(state, **moved, push_acts=acts, push_due=jnp.asarray(False))
+        return select(now, self.displaced(params, after), state)
 
-    def released(self, state: State, now: Flag) -> State:
-        """The state without force and step if `now`."""
-        return dataclasses.replace(state, push_acts=state.push_acts & ~now)
+    def released(self, params: PushedParams, state: State, now: Flag) -> State:
+        """The state without force and step if `now`; the arguments are those of `pushed`."""
+        after = dataclasses.replace(state, push_acts=jnp.asarray(False))
+        return select(now, self.displaced(params, after), state)
 
     def _own(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The values of the model's own parameters."""

@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float, Shaped
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
+from gaitsweep.angles import TURN
 from gaitsweep.contract import Model, Quantity, names_gait
-from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_used
+from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_used, terms_of
 from gaitsweep.kinds import FixedTime, Settle
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.schema.numbers import InvalidValue, checked, read_real, read_text
@@ -240,7 +241,7 @@ class Measure(StrictModel):
 
     def circular(self, model: Model) -> bool:
         """Return whether its value is an angle."""
-        return self.angle_field is not None and _is_angle(getattr(self, self.angle_field), model)
+        return self.angle_field is not None and _gives_angle(getattr(self, self.angle_field), model)
 
     def unit(self, model: Model) -> str:
         """Return the unit of its value; "" for a formula."""
@@ -302,16 +303,21 @@ def column(formula: str, rows: SetRows) -> Float[np.ndarray, "sets conditions"]:
     return np.broadcast_to(values, rows["status"].shape)
 
 
-def within(among: Mapping[str, tuple[float, float]], rows: SetRows) -> Bool[np.ndarray, "sets conditions"]:
+def within(
+    among: Mapping[str, tuple[float, float]], rows: SetRows, model: Model
+) -> Bool[np.ndarray, "sets conditions"]:
     """Return a mask of the rows (n, conditions) that are within all ranges, ends included.
 
     Args:
-        among: ranges (low, high) of columns by name.
+        among: ranges (low, high) of columns by name; those of angles are arcs from low upwards to high.
         rows: columns (n, conditions) by name.
+        model: the model.
     """
     inside = np.ones(rows["status"].shape, bool)
     for name, (low, high) in among.items():
         values = column(name, rows)
+        if _is_angle(name, model):
+            values = low + np.mod(values - low, TURN)
         inside &= (values >= low) & (values <= high)
     return inside
 
@@ -326,6 +332,15 @@ def _is_angle(name: str, model: Model) -> bool:
     """Return whether a column is an angle of the model."""
     quantity = _quantities(model).get(name)
     return quantity is not None and quantity.circular
+
+
+def _gives_angle(formula: str, model: Model) -> bool:
+    """Return whether a formula is an angle: a column that is one, or a sum or difference with such ones."""
+    if _is_angle(formula, model):
+        return True
+    angles = {name for name in names_used(formula) if _is_angle(name, model)}
+    terms = terms_of(formula) if angles else []
+    return all(names_used(term).isdisjoint(angles) or term in angles for term in terms) and bool(terms)
 
 
 def _quantities(model: Model) -> dict[str, Quantity]:

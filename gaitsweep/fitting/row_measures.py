@@ -56,7 +56,7 @@ class Value(RowMeasure):
             values = np.angle(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
             without_rows = np.zeros(len(values), bool)
         else:
-            is_counted = within(self.among, rows)
+            is_counted = within(self.among, rows, model)
             unsound = unsound & is_counted
             without_rows = ~is_counted.any(axis=1)
             values = _mean(of_rows, is_counted, circular=self.circular(model))
@@ -108,7 +108,7 @@ class Share(RowMeasure):
         has_gait = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
         if self.among is None:
             return _without_missing(has_gait.mean(axis=1))
-        values = _mean(has_gait.astype(float), within(self.among, rows))
+        values = _mean(has_gait.astype(float), within(self.among, rows, model))
         return Measured(values, np.where(np.isnan(values), _no_row(self.among), ""))
 
     def field_error(self, columns: Sequence[str], model: Model) -> FieldError:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -17,6 +18,8 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
+from gaitsweep.dynamics.declared_model import DeclaredModel
+from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recordings import (
     CrossingRecorder,
@@ -24,6 +27,7 @@ from gaitsweep.engine.recorders.recordings import (
     TraceRecorder,
     end_values,
 )
+from gaitsweep.engine.stored_traces import dependences, shapes_of
 from gaitsweep.kinds.columns import (
     CROSSING,
     GAIT,
@@ -129,7 +133,7 @@ class Ramp(RunKind):
         return [CROSSING, *moving, Column("t", repeats=False), STATUS, STALLED_BY, *observed]
 
     def check(self, rows: Design, method: str) -> list[Diagnostic]:
-        return check_path(self.path)
+        return check_path(self.path) + _check_surface(rows, self.parameter)
 
     def rests(self, model: Model, records: pd.DataFrame) -> pd.DataFrame:
         return rests_at_crossings(model, records, records["crossing"].notna().to_numpy(bool))
@@ -137,6 +141,22 @@ class Ramp(RunKind):
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         crossings = self.schedule().duration / period
         return Cost(crossings * cycle, crossings * cycle, max(crossings, 1.0))
+
+
+def _check_surface(rows: Design, parameter: str) -> list[Diagnostic]:
+    """A diagnostic if a surface of sliding moves with a parameter, which sliding states do not follow."""
+    model = rows.model
+    surfaces = model.declarations.of_kind(Sliding) if isinstance(model, DeclaredModel) else {}
+    if not surfaces:
+        return []
+    ((name, surface),) = surfaces.items()
+    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes_of(model)[1])
+    numbers = {q.name: jax.ShapeDtypeStruct((), jnp.float64) for q in model.parameters}
+    (used,) = dependences(lambda values: [surface.height(model.params(values), state)], numbers)
+    if used.isdisjoint((parameter, *rows.following(parameter))):
+        return []
+    text = f"is {parameter}, with which the surface of {name} moves, but sliding states do not follow it: "
+    return [Diagnostic(("run", "parameter"), f"{text}use run.kind: staircase.")]
 
 
 def moving_columns(parameter: str, schedule: RampSchedule, *, repeats: bool) -> list[Column]:
@@ -210,7 +230,7 @@ class Trace(RunKind):
         if self.after_cycles:
             text = f"is {self.after_cycles}, but {self.parameter} moves from the start of a row: "
             return [Diagnostic(("run", "after_cycles"), f"{text}use run.initial_dwell instead.")]
-        return check_path(self.turns)
+        return check_path(self.turns) + _check_surface(rows, self.parameter)
 
     def cost(self, rows: Design, cycle: float, period: float) -> Cost:
         samples = self.recorder(rows.model).samples

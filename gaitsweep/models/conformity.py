@@ -26,7 +26,7 @@ from gaitsweep.dynamics.sliding import Sliding
 from gaitsweep.engine.content import cached_by_content, held_result
 from gaitsweep.engine.kernel.program import Program
 from gaitsweep.engine.kernel.trace import Tracer, UnsupportedError
-from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.stored_traces import dependences, stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 from gaitsweep.own_modules import line_of
@@ -234,10 +234,25 @@ def _refuse_functions_of_init(model: Any, params: Any, state: Any) -> None:
 
 
 def _require_intensities(model: Declared, params: Any, state: Any) -> None:
-    """Refuse intensities of noise that are no mapping from continuous fields, or of another shape."""
-    if (noise := model.declarations.diffusion) is not None:
-        intensities = _traced_result("diffusion", lambda p, s: noise.function(model, p, s), params, state)
-        _require_by_field("diffusion", "an intensity", state, intensities)
+    """Refuse intensities of noise that are no mapping from continuous fields, or of another shape.
+
+    Also refused is noise that moves states off a surface of sliding, on which they would not stay.
+    """
+    if (noise := model.declarations.diffusion) is None:
+        return
+    intensities = _traced_result("diffusion", lambda p, s: noise.function(model, p, s), params, state)
+    _require_by_field("diffusion", "an intensity", state, intensities)
+    noisy = {name: getattr(state, name) for name in intensities}
+    zeros = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), (params, state))
+    for name, surface in model.declarations.of_kind(Sliding).items():
+        (moving,) = dependences(lambda f, s=surface: [s.height(zeros[0], zeros[1].replace(**f))], noisy)
+        if moving:
+            text = (
+                f"diffusion returns an intensity of {min(moving)}, with which a state leaves the surface of "
+            )
+            raise _Fault(
+                f"{text}{name} at once: write the switch into flow, with jnp.sign, in place of sliding."
+            )
 
 
 def _require_jump_functions(model: Declared, params: Any, state: Any) -> None:

@@ -205,6 +205,15 @@ def test_a_slow_hold_of_a_row_on_one_branch_is_no_jump() -> None:
     assert jumps(table, "x", "f", None)["row"].tolist() == [1]
 
 
+@pytest.mark.parametrize("least", [None, 0.3])
+def test_a_smooth_slope_over_unsettled_holds_is_no_jump(least: float | None) -> None:
+    f = np.concatenate([np.arange(4), 3 - np.arange(1, 8)]) / 6
+    table = pd.DataFrame({"row": 0, "pass": [0] * 4 + [1] * 7, "stair": range(11), "f": f, "settled": False})
+    assert jumps(table.assign(y_n=1.5 * f + 0.1 * f**2), "y", "f", least).empty
+    lost = table.assign(y_n=1.5 * f + 0.1 * f**2 + 3.0 * (f < -0.1))
+    assert jumps(lost, "y", "f", least)["pass"].tolist() == [1]
+
+
 def test_missing_columns_are_refused() -> None:
     table = staircase_table()
     with pytest.raises(

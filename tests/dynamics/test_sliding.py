@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.models.conformity import fault
 
 
 class OnBelt(gs.DeclaredModel):
@@ -131,6 +133,92 @@ def test_a_flow_that_crosses_goes_through() -> None:
 
     table = gs.sweep(Through(), run={"kind": "settle", "max_cycles": 1}, x_0=[-1.0, 0.0, 1.0], verify=0).table
     np.testing.assert_allclose(table["t_end"], [2.0, 1.0, 2.0 / 3.0], rtol=1e-10)
+
+
+class Carried(gs.DeclaredModel):
+    """A block of 1 kg on a belt, on a spring that is too soft to pull it off."""
+
+    u = gs.parameter("m/s", "speed of the belt", 0.0)
+    stiffness = gs.parameter("1/s2", "stiffness of the spring over the mass", 0.01)
+    x = gs.variable("m", "place", 0.0)
+    v = gs.variable("m/s", "speed", 0.0)
+    t = gs.time()
+    slip = gs.sliding("block sticks", lambda p, s: s.v - p.u)
+    tick = gs.instants("tick", every=lambda p: 1.0, section=True)
+
+    @slip.flow
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"t": 1.0, "x": s.v, "v": -p.stiffness * s.x - 3.0 * s.slip}
+
+    def period(self, p: Any) -> Any:
+        return 1.0
+
+
+@pytest.mark.slow
+def test_a_push_takes_a_block_off_its_belt() -> None:
+    """A push by a brings the block forward until friction has stopped it: a harmonic motion about -F/k."""
+    belt, friction, push, place = 0.2, 0.5, 0.1, 0.2
+    period = stick_slip_period(belt, friction, 2.0)
+    phase = 1.0 - (0.75 * 2.0 * friction - place) / belt / period
+    table = gs.perturb(OnBelt(), ["v"], push_v=push, push_phase=phase, v_0=0.0, verify=0).table
+    radius = np.hypot(place + friction, belt + push)
+    turned = np.arctan2(belt + push, place + friction) - np.arcsin(belt / radius)
+    ahead = (np.sqrt(radius**2 - belt**2) - friction - place) / belt - turned
+    np.testing.assert_allclose(table["phase_shift"], ahead / period, atol=1e-7)
+
+    mapping = gs.return_map(OnBelt())
+    gait = mapping.fixed_points(mapping.settled({"v_0": 0.0}, cycles=3))
+    small = mapping.phase_response(gait, ["x", "v"], phases=[phase])
+    np.testing.assert_allclose(small["response_x"], 1.0 / belt / period, rtol=1e-7)
+    np.testing.assert_allclose(small["response_v"], 0.0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_coordinates_of_a_map_have_the_side_on_which_they_lie() -> None:
+    starts = np.array([[0.1, 0.0], [0.1, 1.0], [0.1, -1.0]])
+    images = gs.return_map(Carried())(starts)
+    rows = gs.sweep(Carried(), zip={"x_0": starts[:, 0], "v_0": starts[:, 1]}, run=gs.ReturnMap(crossings=1))
+    ends = rows.table[rows.table["crossing"] == 1]
+    np.testing.assert_allclose(images, ends[["x_n", "v_n"]], atol=1e-9)
+
+
+def test_a_block_follows_the_stairs_of_its_belt() -> None:
+    stairs = gs.Staircase(parameter="u", path=[0.0, 0.2, 0.0], step=0.1, dwell=10.0)
+    table = gs.sweep(Carried(), run=stairs, stiffness=0.0, verify=0).table
+    np.testing.assert_allclose(table["v_n"], table["u"], atol=1e-9)
+    # it loses u^2/(2 friction) where the belt becomes faster, and gains as much where it becomes slower
+    np.testing.assert_allclose(table["x_n"].iloc[-1], 4.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("run", "values", "says"),
+    [
+        (gs.Ramp(parameter="u", path=[0.0, 0.2], rate=0.1), {}, r"surface of slip moves.*staircase"),
+        (
+            gs.Trace(duration=1.0, every=0.5, parameter="u", path=[0.0, 0.2], rate=0.1),
+            {},
+            r"surface of slip moves.*staircase",
+        ),
+        (
+            gs.Perturb(push=["v"], force=True),
+            {"push_v": 0.1, "push_duration": 0.1},
+            r"force is true.*does not feel the force",
+        ),
+    ],
+)
+def test_what_a_sliding_state_would_not_feel_is_refused(run: Any, values: dict[str, Any], says: str) -> None:
+    with pytest.raises(gs.UserError, match=says):
+        gs.sweep(Carried(), run=run, **values)
+
+
+def test_noise_across_a_surface_is_refused() -> None:
+    """A state with noise in the height does not stay on the surface; other noise it may have."""
+    noisy = {
+        name: type("Noisy", (Carried,), {"noise": gs.diffusion(lambda self, p, s, name=name: {name: 0.1})})()
+        for name in ("x", "v")
+    }
+    assert fault(noisy["x"]) is None
+    assert re.search("intensity of v, with which a state leaves the surface of slip", fault(noisy["v"]) or "")
 
 
 def test_a_flow_without_its_decorator_is_refused() -> None:

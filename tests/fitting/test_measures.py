@@ -60,6 +60,18 @@ def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
         assert "is turn, an angle" in str(refusal)
 
 
+def test_differences_of_angles_are_angles_and_their_ranges_are_arcs() -> None:
+    seen = rows(turn=[[0.1, 6.2, 0.1, 6.2]], apex=[[1.0, 2.0, 3.0, 4.0]])
+    for formula, middle in (("turn - 1.0", -1.0), ("pi + (0.5 - turn)", np.pi + 0.5)):
+        result = measure("value", of=formula).of_sets(seen, Turning())
+        assert np.cos(result.values - middle) == pytest.approx([1.0], abs=2e-3)
+    for formula in ("2*turn", "abs(turn)", "apex - 1.0", "cos(turn) - turn"):
+        assert not measure("value", of=formula).circular(Turning())
+    for arc, mean in (([-0.2, 0.2], 2.5), ([6.0, 6.25], 3.0), ([0.0, 1.0], 2.0)):
+        among = measure("value", of="apex", among={"turn": arc}).of_sets(seen, Turning())
+        assert among.values.tolist() == [mean]
+
+
 def test_a_formula_that_is_not_finite_is_missing() -> None:
     seen = rows(apex=[[0.0, 1.0, 1.0, 1.0], [1.0] * 4])
     result = measure("value", of="log(apex)").of_sets(seen, TOY)

@@ -167,7 +167,8 @@ def followed(
     while len(curve) < steps.most:
         steps.on_progress([len(curve)], [len(curve) / steps.most])
         after = yield from step(equations, before, length)
-        if after is None or after.tangent @ before.tangent < STRAIGHT:
+        over = equations.kind == "neimark_sacker" and after is not None and _steps_over(before, after)
+        if after is None or after.tangent @ before.tangent < STRAIGHT or over:
             length *= 0.5
             if length >= steps.shortest:
                 continue
@@ -295,6 +296,11 @@ def _passes(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) ->
     share = float(away @ change / (change @ change))
     near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * change) < BESIDE * np.linalg.norm(change)
     return bool(near and after.tangent @ home.tangent > 0.0)
+
+
+def _steps_over(before: CriticalPoint, after: CriticalPoint) -> bool:
+    """Whether a pair of multipliers meets in a step, behind which the curve leads back along itself."""
+    return bool(np.sin(before.unknowns[-1]) * np.sin(after.unknowns[-1]) < 0.0)
 
 
 def _meeting(point: CriticalPoint) -> str:

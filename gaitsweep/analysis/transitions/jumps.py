@@ -247,7 +247,8 @@ def stretches(course: Course, least: float | None) -> list[Stretch]:
         size = abs(course.value[stop] - course.value[start])
         beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
         other_gait = course.gait[start] != course.gait[stop]
-        steep = not beside.size or size > STEEPER * float(np.median(beside))
+        steepest = float(np.max(change[start:stop], initial=0.0))
+        steep = not beside.size or steepest > STEEPER * float(np.median(beside))
         if steep and size > noise and (size >= course.large or other_gait):
             jumps.append(Stretch(start, stop))
     return jumps
@@ -276,7 +277,7 @@ def _between_holds(
 ) -> list[Stretch]:
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
-    least = max(least, STEEPER * float(np.quantile(np.abs(change), 0.25)))
+    steep = STEEPER * float(np.quantile(np.abs(change), 0.25))
     moves = []
     begin = 0
     while begin < len(change):
@@ -284,7 +285,9 @@ def _between_holds(
         while end < len(change) and not settled[end] and change[end] * change[begin] > 0:
             end += 1
         move = _without_feet(value, begin, end, HOLD_FOOT)
-        if abs(value[move.stop] - value[move.start]) >= least:
+        # the steepest step decides: a slope over many unsettled holds adds up to a large change, too
+        steepest = float(np.max(np.abs(change[move.start : move.stop]), initial=0.0))
+        if abs(value[move.stop] - value[move.start]) >= least and steepest >= steep:
             moves.append(move)
         begin = end
     return moves

@@ -375,7 +375,7 @@ class PerturbRecorder(Recorder):
         state = dataclasses.replace(carry.state, push_crossed=crossed_before)
         if model.event is not None:
             state = model.awaiting(state, settling.arrives)
-        state = model.released(model.pushed(params, state, push.hits), push.over)
+        state = model.released(params, model.pushed(params, state, push.hits), push.over)
         limit = self.settle.stop(params)
         wait = (params.phase if model.event is None else AWAITED) * duration
         stop = jnp.where(settling.arrives, carry.t + wait, carry.stop)

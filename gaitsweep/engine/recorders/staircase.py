@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.contract import Model, Params
-from gaitsweep.engine.carry import Carry, Halt, Integer, Number, restarted
+from gaitsweep.contract import HybridModel, Model, Params
+from gaitsweep.engine.carry import Carry, Halt, Integer, Number, restarted, select
 from gaitsweep.engine.recorders.bounds import (
     SETTLE_WINDOW,
     TOLERANCE,
@@ -115,7 +115,10 @@ class StepRecorder(Recorder):
         halt = jnp.where(waits, Halt.TIME, Halt.GOING).astype(carry.halt.dtype)
         end = self.stairs.end(recorded.samples.astype(carry.t.dtype))
         stop = jnp.where(due, end, carry.stop)
-        carry = dataclasses.replace(restarted(carry, due), stop=stop, halt=halt)
+        state = carry.state
+        if isinstance(self.model, HybridModel):
+            state = select(due, self.model.displaced(params, state), state)
+        carry = dataclasses.replace(restarted(carry, due), state=state, stop=stop, halt=halt)
         return PollResult(carry, recorded, sample, due)
 
     def progress(self, rows: RunningRows, typical: float) -> Float[np.ndarray, " rows"]:
