@@ -140,8 +140,8 @@ def written(table: pd.DataFrame, name: str, value: object, digits: int | None = 
 def digits_of(table: pd.DataFrame, name: str) -> int:
     """The fewest digits, from 4 (3 of an angle in multiples of pi), that tell a column's values apart."""
     least = 3 if is_angle(table, name) else 4
-    values = pd.unique(pd.to_numeric(table[name], errors="coerce")) if name in table else np.zeros(0)
-    values = values[np.isfinite(values)] / (np.pi if is_angle(table, name) else 1.0)
+    numbers = pd.to_numeric(pd.Series(table[name] if name in table else []), errors="coerce").to_numpy(float)
+    values = np.unique(numbers[np.isfinite(numbers)]) / (np.pi if is_angle(table, name) else 1.0)
     if values.size > _MOST_TOLD_APART:
         return least
     apart = (n for n in range(least, 17) if len({f"{value:.{n}g}" for value in values}) == values.size)
