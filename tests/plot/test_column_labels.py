@@ -84,7 +84,7 @@ def test_values_of_a_column_are_told_apart() -> None:
     table.attrs["quantities"] = {"q": {"unit": "rad", "symbol": "q", "circular": True}}
     assert [written(table, "seed", value).split(" = ")[1] for value in table["seed"]] == ["10000", "10001"]
     assert [written(table, "q", value) for value in table["q"]] == [
-        rf"$q$ = $0.5{x}\,\pi$" for x in ("", "00005")
+        rf"$q$ = $0.5{x}\,\pi$" for x in ("", "0001")
     ]
     assert written(table, "gait", word).endswith(" = walk")
 
