@@ -140,7 +140,8 @@ def written(table: pd.DataFrame, name: str, value: object, digits: int | None = 
 def digits_of(table: pd.DataFrame, name: str) -> int:
     """The fewest digits, from 4 (3 of an angle in multiples of pi), that tell a column's values apart."""
     least = 3 if is_angle(table, name) else 4
-    numbers = pd.to_numeric(pd.Series(table.get(name, [])), errors="coerce").to_numpy(float)
+    numbers: Any = pd.to_numeric(pd.Series(table.get(name, [])), errors="coerce")
+    numbers = np.asarray(numbers, np.float64)
     values = np.unique(numbers[np.isfinite(numbers)]) / (np.pi if is_angle(table, name) else 1.0)
     if values.size > _MOST_TOLD_APART:
         return least
