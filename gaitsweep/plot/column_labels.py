@@ -26,6 +26,7 @@ _REMARK = re.compile(r"(?!\d)(.*?\w{2})[:;](?![^(]*\))")  # not of "1: yes; 0: n
 _LAST_CLAUSE = re.compile(r",(?![^(]*\)).*\Z", re.DOTALL)  # from the first comma that is not in brackets
 _AT_START = "at the start"  # the end of the meaning of a start value
 _UNIT_AT_END = re.compile(r"\s*\([^()]*\)\Z")
+_MOST_DIGITS = 10  # by which values are told apart: others differ by rounding
 _MOST_TOLD_APART = 100  # values of a column; of more, as of a random axis, labels are not told apart
 _SUFFIX = re.compile(r"_(end(_\d+)?|n)\Z")  # of recorded columns; _end_2 is at a further crossing of an orbit
 _WORDS = {"t": "time", "t_end": "time at the end", "crossing": "cycle", "cycles": "cycles"}
@@ -145,8 +146,8 @@ def digits_of(table: pd.DataFrame, name: str) -> int:
     values = np.unique(numbers[np.isfinite(numbers)]) / (np.pi if is_angle(table, name) else 1.0)
     if values.size > _MOST_TOLD_APART:
         return least
-    apart = (n for n in range(least, 17) if len({f"{value:.{n}g}" for value in values}) == values.size)
-    return next(apart, 17)
+    texts = [{f"{value:.{digits}g}" for value in values} for digits in range(least, _MOST_DIGITS + 1)]
+    return least + next(place for place, told in enumerate(texts) if len(told) == len(texts[-1]))
 
 
 def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str]:

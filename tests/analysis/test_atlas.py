@@ -43,10 +43,24 @@ def delayed(values: Values, x: Coordinates) -> Coordinates:
     return jnp.stack([values["a"] * x[0] * (1.0 - x[1]), values["c"] * x[0] + (1.0 - values["c"]) * x[1]])
 
 
+def turning(values: Values, x: Coordinates) -> Coordinates:
+    """Turns by the angle b and grows by r: a circle is born at r = 1 for each b."""
+    cos, sin = jnp.cos(values["b"]), jnp.sin(values["b"])
+    return (values["r"] - x @ x) * jnp.stack([cos * x[0] - sin * x[1], sin * x[0] + cos * x[1]])
+
+
+def folding(values: Values, x: Coordinates) -> Coordinates:
+    """Folds on the circle a^2 + b^2 = 1, and flips at a = 0.7995."""
+    drift = 0.3 * (values["a"] ** 2 + values["b"] ** 2 - 1.0 + x[0] ** 2)
+    return jnp.stack([x[0] + drift, -x[1] * (1.0 + 0.3 * (values["a"] - 0.7995))])
+
+
 LOGISTIC = PlainMap(logistic, ("x",), (("r", 2.5),))
 HENON = PlainMap(henon, ("x", "y"), (("a", 1.4), ("b", 0.3)))
 ODD = PlainMap(odd, ("x",), (("r", 0.5),), symmetries=(("sign", lambda values, x: -x),))
 DELAYED = PlainMap(delayed, ("x", "y"), (("a", 1.5), ("c", 1.0)))
+TURNING = PlainMap(turning, ("x", "y"), (("r", 0.9), ("b", 2.0)))
+FOLDING = PlainMap(folding, ("x", "y"), (("a", 0.0), ("b", 0.6)))
 
 
 def searched(
@@ -345,6 +359,35 @@ def test_a_circle_and_its_resonances() -> None:
         assert circle["end"].iloc[-1] == "resonance_1_2"
         assert np.all(np.diff(circle["c"]) > 0.0)
         assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("low", [1.57380, 2.0])
+def test_curves_have_no_points_beyond_their_ranges(low: float) -> None:
+    """The 1:4 resonance at b = pi / 2 is below the least b; a curve that begins there has one point there."""
+    search = searched(TURNING, {"r": 0.9, "b": 2.0}, [-0.2, -0.2], [0.2, 0.2], 1, 16)
+    atlas = atlas_of(TURNING, search, {"r": 0.9, "b": 2.0}, "r", (0.8, 1.2), 0)
+    atlas_table(atlas, search, 0.9)
+    circle = atlas.follow_curves("b", (low, 2.5)).query("kind == 'neimark_sacker'")
+    assert set(circle["special"]) <= {"", "resonance_1_3"}
+    assert circle["b"].min() == pytest.approx(low, abs=1e-12)
+    assert np.all(np.diff(circle["b"]) > 0.0)
+
+
+@pytest.mark.slow
+def test_a_closed_curve_ends_at_its_first_point() -> None:
+    """Folds on a circle in the plane of a and b; flips at a = 0.7995 meet it twice, once beside the start."""
+    search = searched(FOLDING, {"a": 0.0, "b": 0.6}, [-1.0, -0.2], [1.0, 0.2], 1, 16)
+    atlas = atlas_of(FOLDING, search, {"a": 0.0, "b": 0.6}, "a", (-1.5, 1.5), 0)
+    atlas_table(atlas, search, 0.0)
+    curves = atlas.follow_curves("b", (-1.5, 1.5))
+    circles = [curve for _, curve in curves.groupby("curve") if curve["kind"].iloc[0] == "fold"]
+    assert circles
+    for circle in circles:
+        both = sorted(circle["b"][circle["special"] == "fold_flip"])
+        assert both == pytest.approx([-np.sqrt(1.0 - 0.7995**2), np.sqrt(1.0 - 0.7995**2)], abs=1e-6)
+        assert circle["end"].iloc[-1] == "closed"
+        np.testing.assert_allclose(circle[["a", "b"]].iloc[-1], circle[["a", "b"]].iloc[0], atol=1e-12)
 
 
 def test_a_turn_at_a_bend_of_the_tent_map_is_a_corner() -> None:

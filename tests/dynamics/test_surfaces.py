@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Callable
 from typing import Any
 
@@ -328,9 +327,10 @@ def test_places_of_a_free_body_are_left_out_on_level_planes_alone(turn: str, cov
     """Along an inclined plane, its height would change with its place."""
     plane = f'<geom type="plane" size="9 9 .1" euler="{turn}"/>'
     model = of(world(plane, f'<body name="b"><freejoint name="root"/>{BALL}</body>'))
-    level: Any = types.SimpleNamespace(body={"slope": jnp.zeros(())})
-    upright = types.SimpleNamespace(q=jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-    assert bool(model.chart().covers(level, upright)) == covered
+    params = model.params({quantity.name: jnp.asarray(quantity.default) for quantity in model.parameters})
+    starts = {quantity.name: jnp.asarray(quantity.default) for quantity in model.initial_conditions}
+    upright = model.init(params, starts).replace(q=jnp.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
+    assert bool(model.chart().covers(params, upright)) == covered
     assert model.body.velocities_along_ground == ((0, 1) if covered else ())
 
 

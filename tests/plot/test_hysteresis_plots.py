@@ -220,7 +220,7 @@ def test_hysteresis_by_panels_and_of_many_rows() -> None:
 @pytest.mark.slow
 def test_rows_of_several_parameter_values_have_a_panel_each() -> None:
     """Rows that differ in starts alone stay in one panel; too many parameter values are refused."""
-    table = staircase_table(6, stairs=9, hold=1)
+    table = staircase_table(6, stairs=9, hold=40)
     table.attrs["job"]["model"] = "waist_quadruped"
     table.insert(1, "delta_13", table["row"] / 10.0)
     assert len(plot.hysteresis(table, y="delta_13").axes) == 1

@@ -180,16 +180,20 @@ def followed(
             curve.append(CurvePoint(leap, "kink"))
             before, length = leap, steps.first
             continue
-        curve += yield from _degenerate(equations, before, after, length)
-        outside = [k for k in (m, m + 1) if not 0.0 <= after.unknowns[k] <= 1.0]
-        if outside:
+        home = _share_at(before, after, first) if len(curve) >= POINTS_BEFORE_CLOSED else None
+        # beyond its first point a closed curve repeats itself
+        covered = length * (1.0 if home is None else home)
+        zeros = yield from _degenerate(equations, before, after, length)
+        within = (zero.point for zero in zeros if zero.arclength <= covered)
+        curve += [at for at in within if not _outside(at.point, m)]
+        if outside := _outside(after, m):
             edge = yield from _at_edge(equations, before, after, outside)
             return curve + ([] if edge is None else [CurvePoint(edge)]), "range"
+        if home is not None:
+            return [*curve, CurvePoint(first)], "closed"
         curve.append(CurvePoint(after))
         if equations.kind == "neimark_sacker" and _meeting(after):
             return curve, _meeting(after)
-        if len(curve) > POINTS_BEFORE_CLOSED and _passes(before, after, first):
-            return curve, "closed"
         if after.corrections <= FEW_CORRECTIONS:
             length = min(LONGER * length, steps.longest)
         before = after
@@ -245,7 +249,7 @@ def step(
 
 def _degenerate(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, length: float
-) -> Computation[list[CurvePoint]]:
+) -> Computation[list[ZeroOnStep[CurvePoint]]]:
     """The bifurcations of codimension 2 on a step, in order."""
     points: list[ZeroOnStep[CurvePoint]] = []
     for name, value in before.tests.items():
@@ -262,18 +266,23 @@ def _degenerate(
         is_zero = zero is not None and abs(zero.point.tests[name]) < 1e-3 * max(abs(value), abs(later))
         if zero is not None and is_zero and equations.is_critical(name, zero.point):
             points.append(ZeroOnStep(CurvePoint(zero.point, name), zero.arclength))
-    return [zero.point for zero in sorted(points, key=lambda zero: zero.arclength)]
+    return sorted(points, key=lambda zero: zero.arclength)
+
+
+def _outside(at: CriticalPoint, m: int) -> list[int]:
+    """Those of the two parameters, by their places from `m` on, that are outside of their ranges."""
+    return [k for k in (m, m + 1) if not 0.0 <= at.unknowns[k] <= 1.0]
 
 
 def _at_edge(
     equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint, outside: list[int]
 ) -> Computation[CriticalPoint | None]:
-    """The point at which a curve leaves the ranges of the parameters."""
+    """The point at which a curve leaves the ranges of the parameters; None if its last point is there."""
     change = after.unknowns - before.unknowns
     to_edge = np.clip(after.unknowns, 0.0, 1.0) - before.unknowns
     shares = [to_edge[k] / change[k] if change[k] else np.inf for k in outside]
     first = outside[int(np.argmin(shares))]
-    if not before.tangent[first]:
+    if not before.tangent[first] or not to_edge[first]:
         return None
     return (yield from step(equations, before, float(to_edge[first]), pinned=first))
 
@@ -289,13 +298,13 @@ def _leap(
     return None
 
 
-def _passes(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) -> bool:
-    """Whether a step passes the first point of its curve."""
+def _share_at(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) -> float | None:
+    """The share of a step at which it passes the first point of its curve, if it does."""
     change: Vector = after.unknowns - before.unknowns
     away = home.unknowns - before.unknowns
     share = float(away @ change / (change @ change))
     near = 0.0 < share <= 1.0 and np.linalg.norm(away - share * change) < BESIDE * np.linalg.norm(change)
-    return bool(near and after.tangent @ home.tangent > 0.0)
+    return share if near and after.tangent @ home.tangent > 0.0 else None
 
 
 def _steps_over(before: CriticalPoint, after: CriticalPoint) -> bool:
