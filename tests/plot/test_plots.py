@@ -295,7 +295,7 @@ def test_a_panel_of_footprints_shows_one_row(panels: str | None) -> None:
     table = trace_table().assign(beta=0.5)
     with pytest.raises(PlotError, match=r"Rows 0 and 1 would share a panel .* panels: row"):
         plot.footprints(table, panels=panels)
-    assert len(plot.footprints(table[table["row"] == 1], panels=panels).axes) == 1
+    assert len(plot.footprints(table.query("row == 1"), panels=panels).axes) == 1
 
 
 def test_names_on_axes() -> None:
