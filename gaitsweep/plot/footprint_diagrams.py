@@ -45,9 +45,17 @@ Stances = tuple[Float[np.ndarray, " stances"], Float[np.ndarray, " stances"]]  #
 
 
 def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
-    """Refuse a model without contacts, and a window that is not one."""
+    """Refuse a model without contacts, a panel with several rows, and a window that is not one."""
     if "contact_1" not in table.columns:
         yield figure.needs(table, "the signals contact_1, contact_2, ...")
+    if figure.panels is None or figure.panels in table.varied:
+        others = [
+            group for group in table.rows.groups if group.length > 1 and figure.panels not in group.axes
+        ]
+        if others:
+            differ = " and ".join(name for group in others for name in group.axes)
+            text = f"would show rows that differ in {differ} in one panel, but a panel shows one row"
+            yield ("panels",), f"{text}: write panels: row, or leave panels out."
     yield from check_window(figure)
 
 
@@ -65,7 +73,8 @@ def footprints(
 ) -> Figure:
     """A bar for each limb on the ground, the first limb on top; time in s below, in cycles above.
 
-    Limbs have the names and colours of `gaitsweep animate`. Cycles count from the beginning of the window.
+    A panel shows one row. Limbs have the names and colours of `gaitsweep animate`. Cycles count from the
+    beginning of the window.
 
     A loss of contact within a stance is filled if it is at most an eighth of the cycle and half of its leg's
     longest swing; all longer ones are swings. The legend gives the number of filled losses, and the longest.
@@ -78,7 +87,7 @@ def footprints(
         table: a trace table with columns t (s) and contact_1, contact_2, ... (1 on the ground).
 
     Raises:
-        PlotError: the table lacks t, panels or the contacts.
+        PlotError: the table lacks t, panels or the contacts, or a panel would show several rows.
     """
     column(table, "t")
     matches = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
@@ -88,7 +97,14 @@ def footprints(
     parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]
     if panels is not None:
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
-    parts, title = theme.first_of(parts or [(None, table)], _MOST_PANELS, title)
+    parts = parts or [(None, table)]
+    shared = [part["row"].unique() for _, part in parts if "row" in part and part["row"].nunique() > 1]
+    if shared:
+        raise PlotError(
+            f"Rows {shared[0][0]} and {shared[0][1]} would share a panel of footprints, which shows one row: "
+            "give each row its own by panels: row, or give the table of one row."
+        )
+    parts, title = theme.first_of(parts, _MOST_PANELS, title)
     height = len(parts) * (0.85 + 0.17 * len(legs)) + 0.15 + (0.25 if title else 0.0)
     limbs = limbs_of_model(model_of(table), len(legs))
     with theme.canvas(theme.PAGE, height, title) as figure:

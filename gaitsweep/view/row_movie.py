@@ -242,9 +242,6 @@ def _prepared(
             f"{motion.model.name} has a skeleton that cannot be drawn: it has no points, or some that are "
             "not finite."
         )
-    if lift != 1.0:
-        skeleton = side_view.lifted(skeleton, lift)
-        renderer = "matplotlib"
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.cycle, "", pace)
@@ -261,6 +258,9 @@ def _prepared(
             renderer = "matplotlib"
         ground = np.column_stack([places, heights])
         clip = dataclasses.replace(clip, skeleton=dataclasses.replace(clip.skeleton, ground=ground))
+    if lift != 1.0:
+        clip = dataclasses.replace(clip, skeleton=side_view.lifted(clip.skeleton, lift))
+        renderer = "matplotlib"
     mjcf = None if renderer == "matplotlib" else motion.model.mjcf(motion.values)
     if mjcf is None:
         yield clip, animation.side_view

@@ -21,7 +21,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.cli import main
-from gaitsweep.dynamics.controllers.controlled_body import _Trunk
+from gaitsweep.dynamics.controllers.controlled_body import ControlledBody, Leg, Trunk
 from gaitsweep.dynamics.controllers.leg_targets import FootPath, FootPaths, two_link_leg
 from gaitsweep.dynamics.controllers.model_file import model_of_file
 from gaitsweep.dynamics.controllers.oscillators import (
@@ -213,21 +213,75 @@ def test_a_foot_is_on_its_path_with_the_lengths_and_places_of_a_row(tmp_path: Pa
             True,
         ),
         ('euler="0 15 0"', "<freejoint/>", True),
+        ("", '<joint axis="0 0 1" pos="0 -1 0"/><joint axis="0 1 0"/>', True),
+        ("", '<joint axis="0 1 0"/><joint type="slide" axis="0 0 1"/>', True),
     ],
-    ids=["ref", "turned trunk", "upside down", "slide after a hinge", "free"],
+    ids=["ref", "turned trunk", "upside down", "slide after a hinge", "free", "boom", "leg that extends"],
 )
 def test_the_place_of_the_trunk_is_that_of_mujoco(turned: str, joints: str, moves: bool) -> None:
     """At random positions, with references of joints, turned trunks, and anchors beside the origin."""
-    body = f'<body pos=".1 .2 .87" {turned}>{joints}<geom size=".1"/></body>'
+    body = f'<body pos=".1 .2 .87" {turned}>{joints}<geom name="foot" size=".1"/></body>'
+    others = (
+        '<body pos="9 9 9"><geom size=".1"/></body><body pos="5 5 5"><freejoint/><geom size=".1"/></body>'
+    )
+    behind = f'{others}<body pos="1 2 3" euler="0 0 50">{body}</body>'
+    for bodies in (body, *([] if "free" in joints else [behind]), f"{others}{body}"):
+        m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+        data = mujoco.MjData(m)
+        trunk = Trunk(m, ["foot"])
+        assert trunk.moves == moves
+        rng = np.random.default_rng(3)
+        for q in [m.qpos0, *rng.normal(size=(4, m.nq))]:
+            data.qpos[:] = q
+            mujoco.mj_kinematics(m, data)
+            np.testing.assert_allclose(trunk.place(jnp.asarray(q)), data.xpos[-1], rtol=0, atol=1e-12)
+
+
+def test_a_trunk_on_a_boom_walks_around_it() -> None:
+    """Half of a turn by 0.2 rad, 1 m from the axis, is ahead wherever on the circle."""
+    body = (
+        '<body pos="0 1 1" euler="0 0 180"><joint axis="0 0 1" pos="0 1 0"/><geom name="f" size=".1"/></body>'
+    )
+    trunk = Trunk(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>"), ["f"])
+    for angle in (0.0, 1.0, 2.5):
+        begin = trunk.place(jnp.asarray([angle]))[:2]
+        np.testing.assert_allclose(trunk.ahead(jnp.asarray([angle + 0.2]), begin), np.sin(0.2), atol=1e-12)
+
+
+def test_a_robot_fixed_to_the_world_has_a_trunk_that_stands() -> None:
+    leg = '<body><joint pos="0 0 .1" axis="0 1 0"/><geom name="{}" size=".1"/></body>'
+    body = f'<body pos="0 0 1"><geom size=".1"/>{leg.format("l")}{leg.format("r")}</body>'
     m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    data = mujoco.MjData(m)
-    trunk = _Trunk(m)
-    assert trunk.moves == moves
-    rng = np.random.default_rng(3)
-    for q in [m.qpos0, *rng.normal(size=(4, m.nq))]:
-        data.qpos[:] = q
-        mujoco.mj_kinematics(m, data)
-        np.testing.assert_allclose(trunk.place(jnp.asarray(q)), data.xpos[1], rtol=0, atol=1e-12)
+    trunk = Trunk(m, ["l", "r"])
+    assert not trunk.moves
+    np.testing.assert_allclose(trunk.place(jnp.ones(2)), [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_hips_count_forwards_whatever_the_frame_of_their_body() -> None:
+    """MuJoCo moves both feet ahead: the right thigh is turned, with the same axis in the world."""
+    shape = 'type="capsule" fromto="0 0 0 0 0 -.4" size=".03"'
+    body = f"""<mujoco><worldbody><body pos="0 0 1" {{}}>{{}}<geom size=".1"/>
+      <body pos="0 .1 0"><joint name="a" axis="0 -1 0"/><geom name="l" {shape}/></body>
+      <body pos="0 -.1 0" euler="0 0 180"><joint name="b" axis="0 1 0"/><geom name="r" {shape}/></body>
+      </body></worldbody></mujoco>"""
+    legs = [Leg("L", "l", {"hip": "a"}), Leg("R", "r", {"hip": "b"})]
+    model: Any = SimpleNamespace(position=lambda state, joint: jnp.asarray(0.3))
+    for turned, joint in (("", '<joint type="slide"/>'), ('euler="0 0 90"', "<freejoint/>")):
+        m = mujoco.MjModel.from_xml_string(body.format(turned, joint))
+        none: Any = None
+        hips = ControlledBody(m, True, none, legs, none, {})._hips(model, None)
+        np.testing.assert_allclose(hips, [0.3, 0.3])
+
+
+def test_a_hip_that_is_not_about_y_has_no_angle_to_feel(tmp_path: Path) -> None:
+    body = (WALKERS / "biped.xml").read_text().replace('name="hip_r"/>', 'name="hip_r" axis="1 0 0"/>', 1)
+    text = (WALKERS / "biped.yaml").read_text().replace(PHASES, MATSUOKA)
+    (tmp_path / "biped.xml").write_text(body)
+    (tmp_path / "biped.yaml").write_text(text)
+    with pytest.raises(
+        JobError, match=r"legs\.R\.hip is not accepted: .*'hip_r' is no hinge about y.*\(1, 0, 0\)"
+    ):
+        model_of_file(tmp_path / "biped.yaml")
 
 
 @pytest.mark.slow

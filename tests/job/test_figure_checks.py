@@ -64,6 +64,8 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "gait_series", "window": [2, 1]}, TRACE, SEEDS, FEET, "its beginning must be before its end"),
     ({"kind": "gait_series", "strip_columns": 3}, TRACE, SEEDS, FEET, "is 3, but must be 1 or 2"),
     ({"kind": "footprints", "window": [2, 2]}, TRACE, MASSES, "", "its beginning must be before its end"),
+    ({"kind": "footprints", "panels": None}, TRACE, MASSES, "", "differ in m_B in one panel.* panels: row"),
+    ({"kind": "footprints", "panels": "m_B"}, TRACE, TWO, "", "differ in omega in one panel"),
     ({"kind": "nine_gaits"}, TRACE, MASSES, "", "needs the signal u_f_LF"),
     ({"kind": "loading_rule", "measures": ["load_lat"]}, TRACE, SEEDS, FEET, "did you mean load_late"),
     ({"kind": "loading_rule", "only": "seed"}, TRACE, SEEDS, FEET, "value is missing, but only"),
@@ -108,6 +110,7 @@ DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
     ({"kind": "branches", "x": "m_B", "y": "psi_1"}, MAP, {**MASSES, "omega": [0.4]}),  # one value of omega
     ({"kind": "cycles", "y": ["psi_1"]}, MAP, MASSES),
     ({"kind": "footprints"}, TRACE, MASSES),
+    ({"kind": "footprints", "panels": "m_B"}, TRACE, MASSES),
     ({"kind": "chain_theory", "show": "order", "k": 2}, SETTLE, BOTH),
 ]
 

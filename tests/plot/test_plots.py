@@ -290,6 +290,14 @@ def test_footprints_of_many_legs_and_of_rows_without_samples() -> None:
     ]
 
 
+@pytest.mark.parametrize("panels", [None, "beta"])
+def test_a_panel_of_footprints_shows_one_row(panels: str | None) -> None:
+    table = trace_table().assign(beta=0.5)
+    with pytest.raises(PlotError, match=r"Rows 0 and 1 would share a panel .* panels: row"):
+        plot.footprints(table, panels=panels)
+    assert len(plot.footprints(table.query("row == 1"), panels=panels).axes) == 1
+
+
 def test_names_on_axes() -> None:
     table = settle_table()
     assert axis_label(table, "psi_1_end") == r"$\psi_{1}$ (rad)"

@@ -580,7 +580,7 @@ def test_without_opengl_lines_are_drawn(
 
 
 def test_uneven_ground_is_drawn_below_the_feet() -> None:
-    """The line is at the place of the camera, with the heights of the model's ground."""
+    """The line has the heights of the model's ground, and the camera follows it."""
     model = PlanarQuadruped(ground="slope")
     values = {"ground_slope": 10.0}
     x = np.array([-1.0, 0.0, 2.0])
@@ -594,4 +594,30 @@ def test_uneven_ground_is_drawn_below_the_feet() -> None:
     axes = Figure().subplots()
     side_view.SideView(axes, skeleton, np.ones((1, 1), bool), np.array([[2.0, 0.0]]), named=False)
     drawn = [line.get_xydata() for line in axes.get_lines() if np.size(line.get_xdata()) == 3]
-    np.testing.assert_allclose(np.asarray(drawn), [np.column_stack([x - 2.0, heights])], atol=1e-12)
+    below = np.interp(2.0 + 0.2 * np.linspace(-1.0, 1.0, 21), x, heights).mean()  # the last height beyond
+    np.testing.assert_allclose(np.asarray(drawn), [np.column_stack([x - 2.0, heights - below])], atol=1e-12)
+
+
+@pytest.mark.parametrize("slope", [-0.2, 0.2])
+def test_a_body_stays_in_the_picture_on_a_slope(slope: float) -> None:
+    x = np.linspace(0.0, 40.0, 50)
+    places = np.linspace(-4.0, 44.0, 200)
+    limb = np.stack([x, 0.0 * x, slope * x], axis=1)[:, None] + np.outer([1.0, 0.5, 0.0], [0.0, 0.0, 1.0])
+    skeleton = Skeleton((Limb("leg", limb),), ground=np.column_stack([places, slope * places]))
+    axes = Figure(figsize=(9.6, 5.4)).subplots()
+    view = side_view.SideView(axes, skeleton, np.ones((50, 1), bool), limb[:, 2, :2])
+    low, high = axes.get_ylim()
+    assert high - low < 2.0  # the leg is 1 m long
+    for k in (0, 25, 49):
+        view.show(k)
+        drawn = np.asarray(view._limbs[0][0].get_ydata())
+        assert low < drawn[-1] < drawn[0] < high
+
+
+def test_feet_are_lifted_from_uneven_ground() -> None:
+    """A foot that stands on ground 1 m high keeps its place; one 0.1 m above it is 0.3 m above it."""
+    limb = np.zeros((2, 3, 3))
+    limb[..., 2] = [[1.8, 1.4, 1.0], [1.8, 1.5, 1.1]]
+    skeleton = Skeleton((Limb("leg", limb),), ground=np.array([[-1.0, 1.0], [1.0, 1.0]]))
+    lifted = side_view.lifted(skeleton, 3.0).limbs[0].points[..., 2]
+    np.testing.assert_allclose(lifted, [[1.8, 1.4, 1.0], [1.8, 1.6, 1.3]], atol=1e-12)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,8 @@ UNCONTROLLED: Mapping[str, Any] = {
     "control": lambda model, params, state: jnp.zeros(0),
     "period": lambda model, params: jnp.ones(()),
 }
-_LEVEL = 1e-9  # component of a unit axis below which a slide does not move along the ground
+_LEVEL = 1e-9  # m: motion along the ground below which the trunk does not move
+_ALONG = 1.0 - 1e-6  # cosine of the angle between two axes that count as one
 # Names of legs in other conventions, in capitals.
 _OTHER_NAMES = {
     "FL": "LF", "FR": "RF", "HL": "LH", "HR": "RH", "BL": "LH", "BR": "RH", "RL": "LH", "RR": "RH",
@@ -130,6 +131,11 @@ class ControlledBody:
         return landing
 
     @property
+    def trunk(self) -> Trunk:
+        """The trunk."""
+        return Trunk(self.m, [leg.foot for leg in self.legs])
+
+    @property
     def _leg_names(self) -> tuple[str, ...]:
         return tuple(leg.name for leg in self.legs)
 
@@ -177,7 +183,7 @@ class ControlledBody:
 
     def _of_trunk(self) -> dict[str, Any]:
         """The section, with the mean speed of each cycle; the trunk's height; and its fall."""
-        trunk = _Trunk(self.m)
+        trunk = self.trunk
         level = _level_of_ground(self.m)
         lowest = self.file.fallen
 
@@ -212,7 +218,7 @@ class ControlledBody:
             members["failed"] = failed
         return members
 
-    def _section(self, trunk: _Trunk) -> Any:
+    def _section(self, trunk: Trunk) -> Any:
         """The event that closes a cycle, at which the speed of a moving trunk is computed."""
         oscillators = self.file.controller.oscillators
 
@@ -241,13 +247,11 @@ class ControlledBody:
 
     def _hips(self, model: Any, state: Any) -> Float[Array, " legs"]:
         """The angles (n,) of the legs' hips, rad, leg forward positive."""
+        trunk = self.trunk
         angles = []
         for leg in self.legs:
-            hip = leg.joints[HIP]
-            # a turn about y moves the leg backwards
-            turns_backwards = float(self.m.joint(hip).axis[1]) > 0.0
-            position = model.position(state, hip)
-            angles.append(-position if turns_backwards else position)
+            position = model.position(state, leg.joints[HIP])
+            angles.append(-position if trunk.turns_backwards(leg.joints[HIP]) else position)
         return jnp.stack(angles)
 
 
@@ -302,41 +306,66 @@ def _level_of_ground(m: Any) -> float:
     return max(data.geom_xpos[planes & is_level, 2].tolist(), default=0.0)
 
 
-class _Trunk:
-    """Place and heading of the first body, by its free joint or its slides, hinges and balls.
+class Trunk:
+    """Place and heading of the trunk, by its free joint or its slides, hinges and balls.
+
+    The trunk is the first body with a joint among those that carry all feet; of a robot that is fixed to the
+    world, whose legs alone have joints, it is the first body.
 
     Args:
         m: the compiled MJCF.
+        feet: the geoms of the feet.
     """
 
-    def __init__(self, m: Any) -> None:
+    def __init__(self, m: Any, feet: Sequence[str]) -> None:
         import mujoco
 
         kinds = mujoco.mjtJoint
-        joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == 1]
-        self._m = m
-        self._is_free = bool(joints) and m.jnt_type[joints[0]] == kinds.mjJNT_FREE
+        carriers = set.intersection(*(set(_carriers(m, int(m.geom(foot).bodyid[0]))) for foot in feet))
+        body = min((b for b in carriers if m.body_jntnum[b]), default=1)
+        joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == body]
+        data = mujoco.MjData(m)
+        mujoco.mj_kinematics(m, data)
+        parent = int(m.body_parentid[body])  # static
+        turn = data.xmat[parent].reshape(3, 3)
         orientation = np.zeros(9)
-        mujoco.mju_quat2Mat(orientation, m.body_quat[1])
-        self._orientation = orientation.reshape(3, 3)
+        mujoco.mju_quat2Mat(orientation, m.body_quat[body])
+        self._m = m
+        self._data = data  # at qpos0
+        self._body = body
+        self._at = data.xpos[parent] + turn @ m.body_pos[body]
+        self._orientation = turn @ orientation.reshape(3, 3)
+        self._free = (
+            int(m.jnt_qposadr[joints[0]]) if joints and m.jnt_type[joints[0]] == kinds.mjJNT_FREE else None
+        )
         # turns about the body's origin move nothing but the slides after them
         while joints and m.jnt_type[joints[-1]] != kinds.mjJNT_SLIDE and not m.jnt_pos[joints[-1]].any():
             joints.pop()
         self._joints = {j: kinds(m.jnt_type[j]).name.removeprefix("mjJNT_").lower() for j in joints}
+        # a boom: its hinge turns the trunk, which walks around it
+        on_boom = any(k == "hinge" and abs(data.xaxis[j][2]) > _ALONG for j, k in self._joints.items())
+        self._turns = self._free is not None or on_boom
 
     @property
     def moves(self) -> bool:
-        """Whether it moves along the ground."""
-        slides = [j for j, kind in self._joints.items() if kind == "slide"]
-        axes = [self._orientation @ self._m.jnt_axis[j] for j in slides]
-        return self._is_free or any(abs(axis[:2]).max() > _LEVEL for axis in axes)
+        """Whether its joints move it along the ground."""
+        import mujoco
+
+        data = mujoco.MjData(self._m)
+        data.qpos[:] = self._m.qpos0 + np.random.default_rng(0).uniform(0.1, 1.0, self._m.nq)
+        mujoco.mj_kinematics(self._m, data)
+        return bool(abs(data.xpos[self._body] - self._data.xpos[self._body])[:2].max() > _LEVEL)
 
     def place(self, q: Float[Array, " nq"]) -> Float[Array, " 3"]:
         """Its place (3,), m: the origin of the body in the world."""
-        if self._is_free:
-            return q[:3]
+        if self._free is not None:
+            return q[self._free : self._free + 3]
+        return jnp.asarray(self._pose(q)[0])
+
+    def _pose(self, q: Float[Array, " nq"]) -> tuple[Any, Any]:
+        """Its place (3,), m, and its orientation (3, 3) without the turns that do not move it."""
         m = self._m
-        place: Any = np.array(m.body_pos[1])
+        place: Any = self._at
         turn: Any = self._orientation
         for j, kind in self._joints.items():
             at = int(m.jnt_qposadr[j])
@@ -349,12 +378,43 @@ class _Trunk:
             spun = rotation_about(axis, moved) if kind == "hinge" else rotation_of(q[at : at + 4])
             place = place + turn @ anchor - turn @ spun @ anchor
             turn = turn @ spun
-        return jnp.asarray(place)
+        return place, turn
 
     def ahead(self, q: Float[Array, " nq"], begin: Float[Array, " 2"]) -> Float[Array, ""]:
-        """The way (m) along the ground from a place (2,), along its heading; along x without a free joint."""
+        """The way (m) from a place (2,) along its heading; along x without a free joint or a boom."""
         way = self.place(q)[:2] - begin
-        if not self._is_free:
+        if not self._turns:
             return way[0]
-        _, heading = tilt_and_heading(q[3:7])
-        return (way @ heading)[0]
+        if self._free is not None:
+            _, heading = tilt_and_heading(q[self._free + 3 : self._free + 7])
+            return (way @ heading)[0]
+        forward = self._pose(q)[1][:2, 0]
+        return way @ forward / jnp.sqrt(forward @ forward)
+
+    def turns_backwards(self, hip: str) -> bool:
+        """Whether a rising angle of a hip moves its leg backwards, as a turn about y does.
+
+        Raises:
+            ValueError: the hip is no hinge about y; the message has its axis.
+        """
+        import mujoco
+
+        j = self._m.joint(hip).id
+        frame = self._data.xmat[self._body].reshape(3, 3) if self._turns else np.eye(3)
+        axis = self._data.xaxis[j] @ frame
+        if self._m.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE or abs(axis[1]) < _ALONG:
+            what = ", ".join(f"{number:.3g}" for number in cleaned(axis))
+            raise ValueError(
+                f"Joint '{hip}' is no hinge about y, whose angle the oscillators feel: it is a "
+                f"{mujoco.mjtJoint(self._m.jnt_type[j]).name.removeprefix('mjJNT_').lower()} with the axis "
+                f"({what}) {'of the trunk' if self._turns else 'of the world'}. Give a hinge about y or -y, "
+                "or leave hip: out of oscillators:."
+            )
+        return bool(axis[1] > 0.0)
+
+
+def _carriers(m: Any, body: int) -> Iterator[int]:
+    """A body and those that carry it, without the world."""
+    while body:
+        yield body
+        body = int(m.body_parentid[body])

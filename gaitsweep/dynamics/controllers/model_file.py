@@ -201,6 +201,9 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
     _refuse_gains(document, controller, actuators, m)
     targets = _targets(document, controller, legs, m)
     controlled = ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
+    for leg in legs if HIP in controller.oscillators.roles_of_feedback else ():
+        with _errors_at(document, "controller", "legs", leg.name, HIP):
+            controlled.trunk.turns_backwards(leg.joints[HIP])
     if file.shortest_contact is not None and (remark := controlled.remark_on_names):
         raise _error(document, f"has no effect: {remark}.", "shortest_contact")
     return controlled

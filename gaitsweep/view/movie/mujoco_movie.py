@@ -22,7 +22,7 @@ from matplotlib.image import AxesImage
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.limbs import limb_colours
 from gaitsweep.skeleton import Skeleton
-from gaitsweep.view.movie.side_view import bounds, round_step
+from gaitsweep.view.movie.side_view import above_ground, bounds, round_step
 
 BACKENDS = ("egl", "osmesa")  # OpenGL without a display; the first that works is used
 _PATIENCE = 90.0  # s for a frame; the first one includes the start of Python and MuJoCo
@@ -148,13 +148,13 @@ def _request(
     """The .npz that the painter reads."""
     half, tall, _ = bounds(skeleton, camera)
     cosine, sine = np.cos(body.heading), np.sin(body.heading)
-    to_walking_direction = np.array([[cosine, sine], [-sine, cosine]])
+    to_walking_direction = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     file = io.BytesIO()
     np.savez(
         file,
         mjcf=np.array(body.mjcf),
         qpos=body.qpos,
-        middle=camera @ to_walking_direction,
+        middle=above_ground(skeleton, camera) @ to_walking_direction,
         heading=body.heading,
         size=np.array(size),
         extent=np.array([half, tall]),

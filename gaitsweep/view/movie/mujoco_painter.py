@@ -40,15 +40,16 @@ def main() -> None:
     _light(model)
     _paint_limbs(model, request["colours"])
     camera = _camera(request, width / height)
+    above = camera.lookat.copy()  # the ground below the body
     shown = _shown()
     renderer = mujoco.Renderer(model, height, width)
     of_world = model.light_bodyid == 0
     lamps = model.light_pos[of_world]
     for qpos, middle in zip(request["qpos"], request["middle"], strict=True):
         data.qpos = qpos
-        model.light_pos[of_world] = lamps + np.append(middle, 0.0)  # a lamp casts shadows only near itself
+        model.light_pos[of_world] = lamps + middle  # a lamp casts shadows only near itself
         mujoco.mj_forward(model, data)
-        camera.lookat[:2] = middle
+        camera.lookat[:] = middle + above
         renderer.update_scene(data, camera, shown)
         pictures.write(renderer.render().tobytes())
         pictures.flush()

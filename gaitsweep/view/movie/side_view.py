@@ -29,6 +29,7 @@ _NAMED = (1.22, 0.24)
 _PLAIN = (1.12, 0.1)  # without names
 _TURNS = 5  # turns of a spring
 _MOST_NAMES = 16  # with more limbs none is named
+_BELOW = 21  # places below a body at which its ground is averaged
 _USUAL_HEIGHT = 110.0  # points: drawn height of a body for which line widths are meant
 
 
@@ -63,10 +64,12 @@ def turned(skeleton: Skeleton, angle: float) -> Skeleton:
 
 
 def lifted(skeleton: Skeleton, factor: float) -> Skeleton:
-    """A body with its feet a factor as high over the ground, and the joints above in proportion."""
+    """A body with its feet a factor as high over its ground, and the joints above in proportion."""
     limbs = []
     for limb in skeleton.limbs:
-        height = (factor - 1.0) * np.maximum(limb.points[:, -1:, 2], 0.0)
+        feet = limb.points[:, -1:]
+        ground = 0.0 if skeleton.ground is None else np.interp(feet[..., 0], *skeleton.ground.T)
+        height = (factor - 1.0) * np.maximum(feet[..., 2] - ground, 0.0)
         points = limb.points.copy()
         points[..., 2] += height * np.linspace(0.0, 1.0, points.shape[1])
         limbs.append(dataclasses.replace(limb, points=points))
@@ -93,9 +96,22 @@ def points_of(skeleton: Skeleton) -> Float[np.ndarray, "frames points 3"]:
     return np.concatenate(parts, axis=1) if parts else np.zeros((0, 0, 3))
 
 
+def above_ground(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> Float[np.ndarray, "frames 3"]:
+    """The path of a camera (m) at the mean height of the ground below the body; at 0 on even ground."""
+    if skeleton.ground is None:
+        return np.column_stack([camera, np.zeros(len(camera))])
+    ahead = camera[:, :1]
+    reach = np.abs(points_of(skeleton)[..., 0] - ahead).max(initial=0.0)
+    below = np.interp(ahead + reach * np.linspace(-1.0, 1.0, _BELOW), *skeleton.ground.T)
+    return np.column_stack([camera, below.mean(axis=1)])
+
+
 def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[float, float, float]:
-    """Half the width, the height and half the ground's depth (m) that contain the body at all samples."""
-    middle = np.column_stack([camera, np.zeros(len(camera))])[:, None, :]
+    """Half the width, the height and half the ground's depth (m) that contain the body at all samples.
+
+    The height is that above the ground at `above_ground`.
+    """
+    middle = above_ground(skeleton, camera)[:, None, :]
     across, up = projected((points_of(skeleton) - middle).reshape(-1, 3)).T
     height = float(up.max(initial=0.0))
     of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max(initial=0.0) for limb in skeleton.limbs]
@@ -192,7 +208,7 @@ class SideView:
         self._axes = axes
         self._skeleton = skeleton
         self._down = down
-        self._camera = camera
+        self._camera = above_ground(skeleton, camera)
         self._colours = limb_colours(skeleton.limbs)
         alike = len(self._colours) > 1 and len(set(self._colours)) == 1
         self._swing = [SWING if alike else colour for colour in self._colours]
@@ -219,7 +235,7 @@ class SideView:
 
     def show(self, k: int) -> None:
         """Show sample k."""
-        middle = np.array([*self._camera[k], 0.0])
+        middle = self._camera[k]
         for i, (line, foot, sole) in enumerate(self._limbs):
             at = projected(self._skeleton.limbs[i].points[k] - middle)
             stands = bool(self._down[k, i])
@@ -238,10 +254,10 @@ class SideView:
         for ends, line in zip(self._skeleton.springs, self._springs, strict=True):
             line.set_data(*_zigzag(projected(ends[k] - middle), self._sole))
         if self._moves:
-            self._ground.show(float(self._camera[k, 0]))
+            self._ground.show(float(middle[0]))
         if self._profile is not None and self._skeleton.ground is not None:
             places, heights = self._skeleton.ground.T
-            self._profile.set_data(places - self._camera[k, 0], heights)
+            self._profile.set_data(places - middle[0], heights - middle[2])
 
     def _add_limb(self, colour: str, *, far: bool) -> tuple[Line2D, Line2D, Line2D]:
         """Add the links of a limb with their joints, its foot, and the mark below it during stance."""
@@ -269,9 +285,7 @@ class SideView:
         """Write names of near limbs below the ground, of far ones above the body, at their mean positions."""
         low, high = self._ground.near - 0.05 * self._height, 1.06 * self._height
         for limb, colour in zip(self._skeleton.limbs, self._colours, strict=True):
-            roots = limb.points[:, 0].copy()
-            roots[:, :2] -= self._camera
-            place = float(projected(roots)[:, 0].mean())
+            place = float(projected(limb.points[:, 0] - self._camera)[:, 0].mean())
             y, alignment = (high, "bottom") if limb.far else (low, "top")
             style = {"color": colour, "ha": "center", "va": alignment, "weight": "bold", "fontsize": 8}
             self._axes.text(place, y, escape_unparsable(limb.name), **style)
