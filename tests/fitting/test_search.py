@@ -367,7 +367,7 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
 
 
 def test_neighbours_stay_inside_bounds_that_are_excluded() -> None:
-    asked = Robust(within=0.5, targets=["speed"], wanted=[0.9, 1.0], error=0.1)
+    asked = Robust(within=0.5, targets=["speed"], wanted=(0.9, 1.0), error=0.1)
     duty = gs.Quantity("duty", "1", "duty factor", low=0.9, high=1.0, open_ends=True)
     share = share_kept(
         asked,
