@@ -59,7 +59,8 @@ def search(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `search`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of its
-            fields: then only `out`, `overrides`, `on_progress` and `client` are allowed beside it.
+            fields: then only `out`, `on_progress` and `client` are allowed beside it, and `overrides` beside
+            a file.
         out: the result directory, in which a stopped search continues. Without it the result is in memory,
             but that of a job is in `results/NAME`.
         free: the free constants by name, a range [low, high], {low, high, log, whole}, or {choices}.
@@ -82,7 +83,7 @@ def search(
         params, numerics, engine: as for `gaitsweep.sweep`.
         start: start values by name, as for `gaitsweep.sweep`; a whole number is the `search.start` of a job,
             the Sobol points with which cma begins.
-        overrides: settings for a job file, such as "search.budget=64".
+        overrides: settings for a job from a file, such as "search.budget=64".
         on_progress: progress callback: sets done, sets in all, sets a second, the share done, a remark; by
             default it prints a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
@@ -93,8 +94,9 @@ def search(
         The table of all sets, the near-best sets, and the identifiability of each constant.
 
     Raises:
-        ArgumentError: a name that the model does not have, an array, a package that is not installed, or
-            `out` for a model whose class belongs to this session.
+        ArgumentError: a name that the model does not have, an array, a package that is not installed, `out`
+            for a model whose class belongs to this session, other keywords beside a whole job, or `overrides`
+            of one that is not read from a file.
         JobError: all other errors of the search.
         RunError, TableError: the search cannot run here, or the directory cannot be used.
     """
@@ -141,7 +143,8 @@ def sensitivity(
     Args:
         model: an instance, a class, a registered name, or "package.module:attribute". Or a job with
             `sensitivity`, as the path of its file, which ends in .yaml, as "builtin:NAME" or as a mapping of
-            its fields: then only `out`, `overrides`, `on_progress` and `client` are allowed beside it.
+            its fields: then only `out`, `on_progress` and `client` are allowed beside it, and `overrides`
+            beside a file.
         parameters: by name, a range [low, high] or {low, high, log, whole}, or a share of its value: "10%".
         outputs: measures by name, such as {"lag": {"kind": "value", "of": "psi_1", "at": {"psi_1": 1.0}}}.
         method: one_at_a_time, morris or sobol, the default.
@@ -152,15 +155,16 @@ def sensitivity(
             but that of a job is in `results/NAME`.
         params, start, numerics, engine: as for `gaitsweep.sweep`.
         verify: sets that are measured again at half the step; 32 by default, 0: none.
-        overrides: settings for a job file, such as "sensitivity.n=64".
+        overrides: settings for a job from a file, such as "sensitivity.n=64".
         on_progress: progress callback: sets done, sets in all, sets a second, the share done, a remark; by
             default it prints a line on standard error every half minute.
         client: a `distributed.Client`, whose workers compute the rows; with a directory they share it.
         values: parameters and start values by name, numbers or formulas.
 
     Raises:
-        ArgumentError: a name that the model does not have, an array, a package that is not installed, or
-            `out` for a model whose class belongs to this session.
+        ArgumentError: a name that the model does not have, an array, a package that is not installed, `out`
+            for a model whose class belongs to this session, other keywords beside a whole job, or `overrides`
+            of one that is not read from a file.
         JobError: all other errors.
         TableError, RunError: as for `gaitsweep.run`.
     """

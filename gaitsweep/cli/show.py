@@ -280,20 +280,25 @@ def quantity(q: Quantity) -> tuple[str, ...]:
         default = "the model's"
     else:
         default = plain(q.default)
-    left = "(" if q.open_ends or math.isinf(q.low) else "["
-    right = ")" if q.open_ends or math.isinf(q.high) else "]"
-    limits = [f"{left}{q.low:g}, {q.high:g}{right}"] if math.isfinite(q.low) or math.isfinite(q.high) else []
-    allowed = ", ".join([*limits, *(["whole"] if q.whole else [])])
+    limits = _interval(q.low, q.high, open_ends=q.open_ends)
+    allowed = ", ".join(filter(None, [limits, "whole" if q.whole else ""]))
     return q.name, q.unit, default, allowed, q.meaning, q.source
 
 
-def _bounds(metadata: Mapping[str, object]) -> str:
+def _bounds(metadata: Mapping[str, Any]) -> str:
     """The allowed values of a structure field: a list, or an interval."""
     allowed = metadata.get("allowed")
     if isinstance(allowed, tuple):
         return ", ".join(map(str, allowed))
-    low, high = metadata.get("low"), metadata.get("high")
-    return "" if low is None and high is None else f"[{low}, {high}]"
+    low, high = metadata.get("low", -math.inf), metadata.get("high", math.inf)
+    return _interval(low, high)
+
+
+def _interval(low: float, high: float, *, open_ends: bool = False) -> str:
+    """An interval, "[1, inf)"; nothing without bounds."""
+    left = "(" if open_ends or math.isinf(low) else "["
+    right = ")" if open_ends or math.isinf(high) else "]"
+    return f"{left}{low:g}, {high:g}{right}" if math.isfinite(low) or math.isfinite(high) else ""
 
 
 def _console() -> Console:

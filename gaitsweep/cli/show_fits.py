@@ -46,24 +46,26 @@ def search_estimate(needs: SearchEstimate) -> str:
 def search_outcome(result: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
     by_status = ", ".join(f"{status.among(result.table).sum()} {status}" for status in SetStatus)
-    lines = [f"{len(result.table)} sets: {by_status}."]
+    lines = [f"{_sets(len(result.table))}: {by_status}."]
     if result.path is not None:
         lines.append(f"Table: {result.path / 'table'}")
     near = result.identifiability
     if not len(near.best):
         counts_of_reasons = result.table["why"].value_counts().head(_REASONS)
-        reasons = [f"  {count} sets: {reason}" for reason, count in counts_of_reasons.items()]
+        reasons = [f"  {_sets(count)}: {reason}" for reason, count in counts_of_reasons.items()]
         return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *reasons])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
         f"Best set: row {best['row']}, score {best['score']:.4g} (root mean square miss in reading errors)."
     )
     if near.fitting:
-        lines.append(f"{near.fitting} sets meet all targets within their reading errors:")
+        lines.append(
+            f"{_sets(near.fitting)} meet{'s' * (near.fitting == 1)} all targets within their reading errors:"
+        )
     else:
         lines.append(
-            f"No set meets all targets within their reading errors. The {len(near.best)} near-best sets have "
-            f"scores up to {NEAR_BEST_FACTOR:g} times the lowest:"
+            "No set meets all targets within their reading errors. The near-best sets, with scores up to "
+            f"{NEAR_BEST_FACTOR:g} times the lowest ({len(near.best)} of {len(result.table)}):"
         )
     constants = [
         (constant.name, *constant.words, f"{100 * constant.spread:.0f} %", constant.verdict)
@@ -73,6 +75,11 @@ def search_outcome(result: SearchResult) -> str:
     lines.append(_targets(result, best))
     lines += [f"Figure: {figure}" for figure in result.figures]
     return "\n".join(lines)
+
+
+def _sets(number: int) -> str:
+    """Format a number of sets."""
+    return f"{number} set{'s' * (number != 1)}"
 
 
 def _targets(result: SearchResult, best: Mapping[Any, Any]) -> str:
@@ -112,7 +119,7 @@ def sensitivity_outcome(result: Sensitivity) -> str:
     """Format sets by status, and the indices of each output, the most important parameter first."""
     status = result.table["status"].astype(str).value_counts()
     by_status = {str(name): int(number) for name, number in status.items() if number}
-    lines = [f"{len(result.table)} sets: {counts(by_status)}."]
+    lines = [f"{_sets(len(result.table))}: {counts(by_status)}."]
     for output, indices in result.indices.groupby("output", sort=False):
         lines += ["", *_of_output(str(output), indices)]
     if result.half_step is not None and not result.half_step.many:  # else it was a warning

@@ -88,7 +88,7 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
         fit: the job.
 
     Raises:
-        JobError: the model does not have a name, or its value is a formula or 0.
+        JobError: the model does not have a name, it takes whole numbers only, or its value is a formula or 0.
     """
     job = fit.job_of(fit.structures[0])
     parameters = {quantity.name: quantity for quantity in job.design.model.parameters}
@@ -98,6 +98,10 @@ def own_constants(robust: Robust, fit: FitJob) -> dict[str, float]:
         path = ("search", ROBUST, "constants", number)
         if name not in parameters:
             text = f"is {name}, which is not a parameter{near_miss.suggestion(name, parameters)}"
+            wrong.append(Diagnostic(path, text))
+            continue
+        if parameters[name].whole:
+            text = f"is {name}, which takes whole numbers only and cannot change by a share of itself."
             wrong.append(Diagnostic(path, text))
             continue
         setting = job.design.settings.get(name, parameters[name].default)
@@ -140,5 +144,8 @@ def share_kept(
         quantity = quantities[name]
         factor = 1.0 + robust.within * rng.uniform(-1.0, 1.0, robust.sets)
         changed = neighbours[name] * np.tile(factor, n)
-        neighbours[name] = np.clip(changed, quantity.low, quantity.high)
+        low, high = quantity.low, quantity.high
+        if quantity.open_ends:
+            low, high = np.nextafter(low, np.inf), np.nextafter(high, -np.inf)
+        neighbours[name] = np.clip(changed, low, high)
     return keeps(neighbours).reshape(n, robust.sets).mean(axis=1)

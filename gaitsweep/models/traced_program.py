@@ -1,4 +1,4 @@
-"""The traced program of a user's model: a digest of each function, with its constants.
+"""The traced program of a user's model: a digest of each function, with its constants, and of its quantities.
 
 A number that a module reads from a file when it is imported stands in no source, but in the program.
 """
@@ -39,6 +39,7 @@ _ARGUMENTS = {
     "events": (*_OF_STATE, "init"),
     "label": ("params", "observe"),
 }
+_OUTPUTS = ("observables", "label_fields", "signals", "gaits")  # their scales decide when a row has settled
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
 
@@ -46,7 +47,8 @@ _ADDRESS = re.compile(r"0x[0-9a-f]+")
 class TracedProgram:
     """Program that the functions of a model compute.
 
-    `digests` are those of the functions, by name; empty for gaitsweep's models, which its version identifies.
+    `digests` are those of functions and quantities, by name; empty for gaitsweep's models, which its version
+    identifies.
     `varying` is a function that is another one each time it is traced, or None.
     """
 
@@ -97,8 +99,10 @@ def first_difference(one: Mapping[str, str], other: Mapping[str, str]) -> str | 
 
 
 def _digests(model: Model) -> Iterator[tuple[str, str]]:
-    """The digest of each function, in the order in which a run calls them."""
+    """The digests of the quantities and of each function, in the order in which a run calls them."""
     yield "parameters", _digest_of_text(repr((model.parameters, model.initial_conditions)))
+    for name in _OUTPUTS:
+        yield name, _digest_of_text(repr(getattr(model, name)))
     number = jax.ShapeDtypeStruct((), float)
     values: Any = {quantity.name: number for quantity in model.parameters}
     if model.host_parameters:

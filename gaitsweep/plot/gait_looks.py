@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -46,24 +46,28 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: that of the style or of the gait, else spare colours in order."""
-    names = list(names)
     own = {name: colour for name, (colour, *_) in gait_styles().items()}
     own |= {**COLOURS, **(current().colours or {})}
-    used = {own.get(name) for name in names}
-    free = [colour for colour in SPARE_COLOURS if colour not in used]
-    return _own_or_spare(names, own, free or SPARE_COLOURS)
+    return _own_or_spare(list(names), own, SPARE_COLOURS, to_hex)
 
 
 def markers(names: Iterable[str]) -> dict[str, str]:
-    """A marker for each name, as for `colours`."""
+    """A marker for each name: that of the gait, else spare markers in order."""
     own = {name: marker for name, (_, marker, *_) in gait_styles().items()} | dict(MARKERS)
-    return _own_or_spare(list(names), own, SPARE_MARKERS)
+    return _own_or_spare(list(names), own, SPARE_MARKERS, str)
 
 
-def _own_or_spare(names: list[str], own: dict[str, str], spare: Sequence[str]) -> dict[str, str]:
-    """Each name's own entry, or the spare ones in turn."""
+def _own_or_spare(
+    names: list[str], own: Mapping[str, str], spare: Sequence[str], normal: Callable[[str], str]
+) -> dict[str, str]:
+    """Each name's own entry, or in turn the spare ones that no name has as its own.
+
+    `normal` writes equal entries alike.
+    """
+    used = {normal(own[name]) for name in names if name in own}
+    free = [entry for entry in spare if normal(entry) not in used] or spare
     others = [name for name in names if name not in own]
-    return {name: own[name] if name in own else spare[others.index(name) % len(spare)] for name in names}
+    return {name: own[name] if name in own else free[others.index(name) % len(free)] for name in names}
 
 
 def hatches(names: Iterable[str]) -> dict[str, str]:

@@ -90,7 +90,7 @@ class RunContext:
 
     @property
     def program(self) -> Mapping[str, str]:
-        """Digests of the traced functions of a user's model, by name; empty for gaitsweep's own."""
+        """Digests of the functions and quantities of a user's model, by name; empty for gaitsweep's own."""
         return traced_program(self.model.original).digests
 
     @property

@@ -26,7 +26,7 @@ PACKAGES = (
     *("llvmlite", "cuda-core", "nvidia-cuda-nvrtc", "mujoco", "mujoco-mjx"),
 )
 
-PROGRAM = "program"  # digests of the functions of a user's model, by name
+PROGRAM = "program"  # digests of the functions and quantities of a user's model, by name
 NOT_INSTALLED = "not installed"  # in place of the version of a package
 EARLIER = "made_before"  # versions, machine, commit and parts of each earlier maker
 _MAKER = ("versions", "machine", "git_commit")

@@ -58,6 +58,22 @@ class Bautin(gs.DeclaredModel):
         return 2.0
 
 
+class Circuit(gs.DeclaredModel):
+    """z' = (C_0 / C - 1 + 3 i - |z|^2) z."""
+
+    C_0 = gs.parameter("F", "capacity at the Hopf point", 1.0)
+    C = gs.parameter("F", "capacity", 2.0, low=0.0, open_ends=True)
+    x = gs.variable("1", "real part", 0.0)
+    y = gs.variable("1", "imaginary part", 0.0)
+
+    def flow(self, p: Any, s: Any) -> Any:
+        growth = p.C_0 / p.C - 1.0 - s.x**2 - s.y**2
+        return {"x": growth * s.x - 3.0 * s.y, "y": growth * s.y + 3.0 * s.x}
+
+    def period(self, p: Any) -> Any:
+        return 2.0
+
+
 class BogdanovTakens(gs.DeclaredModel):
     """x' = y, y' = b1 + b2 x + x^2 - x y: Kuznetsov 2004, section 8.4."""
 
@@ -184,6 +200,13 @@ def test_hopf_point_of_the_normal_form(n: float) -> None:
     for arguments, words in wrong:
         with pytest.raises(gs.ArgumentError, match=words):
             rest.cycle(*arguments)
+
+
+@pytest.mark.parametrize("C_0", [1.0, 1e-6])
+def test_a_cycle_is_the_same_in_any_unit_of_the_parameter(C_0: float) -> None:
+    hopf = {"special": "hopf", "row": 0, "C": C_0, "x": 0.0, "y": 0.0}
+    cycle = gs.stationary(Circuit(), C_0=C_0).cycle(hopf, "C", 0.1)
+    np.testing.assert_allclose(cycle["C"], 0.99 * C_0)  # C_0 / C - 1 = |z|^2, to first order
 
 
 @pytest.mark.slow

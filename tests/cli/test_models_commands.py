@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
 from gaitsweep.cli import main
+from gaitsweep.cli.show import structure_field
 from tests.support.installed_packages import install, run_module
 
 Capture = pytest.CaptureFixture[str]
@@ -67,6 +69,15 @@ def test_no_files_remain_if_writing_fails(capsys: Capture) -> None:
     Path("file").write_text("")
     assert "could not be written" in refused(capsys, "new-model", "mine", "--to", "file")
     assert [each.name for each in Path().iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    ("bounds", "text"),
+    [({"low": 1}, "[1, inf)"), ({"high": 8}, "(-inf, 8]"), ({"low": 1, "high": 8}, "[1, 8]"), ({}, "")],
+)
+def test_bounds_of_a_structure_field(bounds: dict[str, int], text: str) -> None:
+    made = dataclasses.make_dataclass("Made", [("N", int, dataclasses.field(default=3, metadata=bounds))])
+    assert structure_field(dataclasses.fields(made)[0]) == ("N", "3", text, "")
 
 
 @pytest.mark.slow

@@ -17,6 +17,9 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 from gaitsweep.cli import main
+from gaitsweep.cli.show_fits import search_outcome
+from gaitsweep.fitting.search import run_search
+from gaitsweep.fitting.search_job import read_search
 from tests.support import environment
 
 JOB = """\
@@ -72,6 +75,14 @@ def test_a_search_runs_and_is_shown_again(capsys: Capture) -> None:
     assert main(["search", "job.yaml", "--set", "search.budget=10"]) == 2
     assert "results/toy_search contains the table of another job" in capsys.readouterr().err
     assert len(gs.load("results/toy_search")) == 48
+
+
+def test_one_set_is_singular() -> None:
+    fields = yaml.safe_load(JOB)
+    fields["search"] |= {"budget": 1, "finalists": 1}
+    text = search_outcome(run_search(read_search(fields, Path.cwd()), "out", figures=False))
+    assert text.startswith("1 set: 1 complete, 0 failed.")
+    assert "times the lowest (1 of 1):" in text
 
 
 def test_other_commands_name_the_search(capsys: Capture) -> None:

@@ -21,6 +21,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.dynamics.body.body_model import Standing
+from gaitsweep.dynamics.body.coverage import touches
 from gaitsweep.dynamics.body.mechanics import LocatedBody
 from gaitsweep.dynamics.tree import tilted
 from gaitsweep.engine.kernel import cuda_lanes
@@ -708,3 +709,42 @@ def test_planes_with_different_friction_under_one_geom_are_refused() -> None:
     assert friction == pytest.approx(0.2)
     with pytest.raises(ValueError, match="'ball' may touch the ground with different friction"):
         LocatedBody(mujoco.MjModel.from_xml_string(bodies.format("2")))
+
+
+def ball_on_floor(stop: str) -> mujoco.MjModel:
+    """A ball of 1 kg on a plane, both with these solref and solimp."""
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep=".001"/><worldbody><geom name="floor" type="plane" size="5 5 1" {stop}/>'
+        f'<body pos="0 0 .1"><freejoint/><geom name="ball" size=".1" mass="1" {stop}/></body>'
+        "</worldbody></mujoco>"
+    )
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        "",
+        'solimp=".9 .95 .001 .5 .5"',
+        'solimp=".9 .95 0 .1 2"',
+        'solimp=".9 .95 .001 0 2"',
+        'solimp=".9 .95 .001 1 2"',
+        'solref="-1000 -10"',
+    ],
+)
+def test_the_spring_of_a_contact_has_mujocos_depth_at_rest(stop: str) -> None:
+    """Numbers of solimp outside their ranges are replaced as MuJoCo does."""
+    m = ball_on_floor(stop)
+    data = mujoco.MjData(m)
+    mujoco.mj_step(m, data, 4000)
+    (touch,) = touches(m)
+    np.testing.assert_allclose(touch.softness.K, 9.81 / (0.1 - data.qpos[2]), rtol=1e-6)
+
+
+def test_mixed_formats_of_solref_are_the_default() -> None:
+    """As in MuJoCo, which warns at each step."""
+    (default,) = touches(ball_on_floor(""))
+    for solref in ("0.03 -1", "-1000 10", "0.03 0", "0 1"):
+        (touch,) = touches(ball_on_floor(f'solref="{solref}"'))
+        assert touch.softness == default.softness
+    with pytest.raises(ValueError, match="'ball' has solref 0 0, so no stiffness"):
+        touches(ball_on_floor('solref="0 0"'))

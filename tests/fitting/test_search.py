@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import errno
 import inspect
 import os
@@ -20,12 +21,14 @@ from pandas.testing import assert_frame_equal
 
 import gaitsweep as gs
 import toy_model
+from gaitsweep.design.design import inside
 from gaitsweep.errors import JobError
 from gaitsweep.fitting import optimisers
 from gaitsweep.fitting.figures import draw_search
-from gaitsweep.fitting.free_parameters import sets_at
+from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
+from gaitsweep.fitting.robustness import Robust, share_kept
 from gaitsweep.fitting.search import FINALISTS, SearchResult, _depends_on_the_step, run_search
 from gaitsweep.fitting.search_cost import estimate_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
@@ -363,6 +366,20 @@ def test_robustness_is_the_share_of_neighbours_that_keep_a_target(tmp_path: Path
     assert searched(asked, tmp_path / "near").table.loc[0, "robust"] == 1.0
 
 
+def test_neighbours_stay_inside_bounds_that_are_excluded() -> None:
+    asked = Robust(within=0.5, targets=["speed"], wanted=(0.9, 1.0), error=0.1)
+    duty = gs.Quantity("duty", "1", "duty factor", low=0.9, high=1.0, open_ends=True)
+    share = share_kept(
+        asked,
+        {"duty": np.array([0.95])},
+        own={},
+        free={"duty": FreeParameter(low=0.91, high=0.99)},
+        quantities={"duty": duty},
+        keeps=lambda sets: inside(sets["duty"], duty),
+    )
+    assert share == 1.0
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -421,6 +438,18 @@ def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
     asked = job(robust={**ROBUST, "constants": ["kicking"]})
     asked["params"] = {**asked["params"], "kicking": 0.0}
     with pytest.raises(JobError, match=r"constants\[0\] is kicking, whose value is 0.*other than 0"):
+        searched(asked, tmp_path / "out")
+
+
+class Counted(toy_model.Toy):
+    @property
+    def parameters(self) -> tuple[gs.Quantity, ...]:
+        return tuple(dataclasses.replace(q, whole=q.name == "mass") for q in super().parameters)
+
+
+def test_a_constant_of_whole_numbers_has_no_neighbours(tmp_path: Path) -> None:
+    asked = {**job(robust={**ROBUST, "constants": ["mass"]}), "model": f"{__name__}:Counted"}
+    with pytest.raises(JobError, match=r"constants\[0\] is mass, which takes whole numbers only"):
         searched(asked, tmp_path / "out")
 
 

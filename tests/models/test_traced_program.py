@@ -17,6 +17,7 @@ from gaitsweep.job import Job, JobError
 from gaitsweep.models.conformity import fault
 from gaitsweep.models.traced_program import traced_program
 
+SCALE = 1.0
 TABLE = jnp.linspace(0.0, 1.0, 5)
 generator = np.random.default_rng(1)
 
@@ -141,6 +142,20 @@ def test_constants_count_to_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> Non
     assert changed() == set()
     monkeypatch.setitem(globals(), "TABLE", TABLE.at[3].add(1e-16 * 8))
     assert {"flow"} <= changed() <= {"flow", "init", "jump", "guards"}
+
+
+def test_the_scale_of_an_observable_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It decides when a row has settled, and no function has it."""
+
+    class Scaled(Spring):
+        @property
+        def observables(self):
+            return (gs.Quantity("x", "m", "position", scale=SCALE),)
+
+    before = traced_program(Scaled()).digests
+    monkeypatch.setitem(globals(), "SCALE", 2.0)
+    now = traced_program(Scaled()).digests
+    assert {name for name in now if now[name] != before[name]} == {"observables"}
 
 
 def test_papers_models_are_known_by_their_version() -> None:

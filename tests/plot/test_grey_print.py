@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping
 
 import pytest
+from matplotlib.colors import to_hex
 
 from gaitsweep.extension import extensions
 from gaitsweep.plot import style, theme
@@ -44,6 +45,14 @@ def test_gaits_in_colours_of_the_style_differ_in_grey_print() -> None:
         assert alike(gaits, theme.hatches(gaits)) == []
     with style(colours={"source": "#FFFFFF"}):  # far from all others: no hatch is needed
         assert theme.hatches(gaits)["source"] == ""
+
+
+def test_spare_looks_are_those_that_no_other_gait_has() -> None:
+    with style(colours={"gait 0": "#e69f00", "gait 1": "black"}):  # two spare ones, written otherwise
+        colours = theme.colours(SPARE)
+    assert len({to_hex(colour) for colour in colours.values()}) == len(SPARE)
+    gaits = ["direct", "source", "retrograde", *SPARE[:5]]
+    assert len(set(theme.markers(gaits).values())) == len(gaits)
 
 
 def test_contrast_is_the_ratio_of_luminances() -> None:

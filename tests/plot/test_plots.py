@@ -166,6 +166,14 @@ def test_solution_set_has_three_panels_lines_points_and_counts() -> None:
     assert to_hex(faces(direct[0])[0]) == gait_styles()["direct"][0].lower()
 
 
+def test_solution_set_marks_points_within_its_axes() -> None:
+    """Angles of marked points are those of the states, from 0 to 2 pi."""
+    figure = plot.solution_set(settle_table(), axes=AXES, points={"a": [-0.5, 1.0, 7.0]})
+    rings = np.array(figure.axes[1].collections[-1].get_offsets())
+    np.testing.assert_allclose(rings, [[TURN - 0.5, 1.0]])
+    np.testing.assert_allclose(np.array(figure.axes[2].collections[-1].get_offsets()), [[1.0, 7.0 - TURN]])
+
+
 def test_solution_set_takes_the_theory_from_the_jobs_parameters() -> None:
     table = settle_table()
     even = {"kappa_1": 100.0, "kappa_end": 100.0, "a_1": 0.4, "a_end": 0.4}

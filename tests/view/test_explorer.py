@@ -464,6 +464,12 @@ def test_numbers_that_json_lacks_are_texts() -> None:
     json.dumps(column, allow_nan=False)
 
 
+@pytest.mark.parametrize("kind", ["Int64", "Float64", "boolean"])
+def test_missing_numbers_of_nullable_columns_are_none(kind: str) -> None:
+    (column,) = columns_of(pd.DataFrame({"a": pd.array([1, None], dtype=kind)}))
+    assert column["values"] == [1, None]
+
+
 @pytest.mark.slow
 @NO_BROWSER
 def test_a_value_without_rows_and_keys_beside_the_map(tmp_path: Path) -> None:

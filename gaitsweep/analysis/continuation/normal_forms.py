@@ -10,7 +10,9 @@ directions); of flows at Hopf points, and the cycles that begin there, eq. (3.20
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
@@ -28,9 +30,6 @@ from gaitsweep.analysis.continuation.floquet_multipliers import (
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices
 from gaitsweep.engine.poincare.maps import MapEvaluation, Points, Values, sizes
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
-
-# Displacement of a parameter, relative to its size, for the rate of an eigenvalue along a branch.
-PARAMETER_STEP = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,17 +109,15 @@ def hopf_cycle(
     values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     x, modes, value = at.at[0], at[0].modes, values_at[parameter]
 
-    def linearised(change: float, x: Vector) -> tuple[Vector, Matrix]:
-        """The rates and their Jacobian at x, with the parameter changed."""
-        rates, jacobian = program({**values_at, parameter: value + change}, x, modes)
-        return np.asarray(rates), np.asarray(jacobian)
+    def linearised(value: Any, x: Any) -> Any:
+        """The rates and their Jacobian at x, at a value of the parameter."""
+        return program({**values_at, parameter: value}, x, modes)
 
-    step = PARAMETER_STEP * (1.0 + abs(value))
-    by_parameter = (linearised(step, x)[0] - linearised(-step, x)[0]) / (2.0 * step)
-    branch = np.linalg.solve(-linearised(0.0, x)[1], by_parameter)
-    ahead, behind = (linearised(d, x + d * branch)[1] for d in (step, -step))
+    (_, J), (by_parameter, _) = jax.jvp(linearised, (value, x), (1.0, np.zeros_like(x)))
+    branch = np.linalg.solve(-np.asarray(J), np.asarray(by_parameter))
     # the derivative of the critical eigenvalue along the branch of stationary points
-    eigenvalue_rate = complex(form.p @ (ahead - behind) @ form.q) / (2.0 * step)
+    _, (_, J_rate) = jax.jvp(linearised, (value, x), (1.0, branch))
+    eigenvalue_rate = complex(form.p @ np.asarray(J_rate) @ form.q)
     radius = amplitude / np.max(np.abs(form.q)) / 2.0
     change = -form.cubic.real * radius**2 / eigenvalue_rate.real
     frequency = form.frequency + eigenvalue_rate.imag * change + form.cubic.imag * radius**2

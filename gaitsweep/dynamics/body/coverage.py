@@ -25,6 +25,7 @@ _GROUND = (_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_BOX, _GEOM.mjGEOM_HFIELD)
 _TOUCHING = (_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_BOX, _GEOM.mjGEOM_CYLINDER)
 _EXACT = 1e-12  # of directions that should be parallel or across
 _Y_OF_Z = 5  # the place in MuJoCo's geom_xmat (9,) of the world's y component of a geom's z axis
+_DEFAULT_SOLREF = (0.02, 1.0)  # MuJoCo's, in s and 1
 _BISECTIONS = 60  # beyond which an interval of floats has no middle
 _REMEDY = "set its contype and conaffinity to 0, or derive the model from MjcfModel, which MuJoCo steps"
 # Fields of MjModel that a located body does not have: the field, its owner, the name in MJCF.
@@ -77,7 +78,7 @@ def touches(m: Any) -> list[Touch]:
     """The geoms of moving bodies that may touch a plane, box or height field of the world.
 
     Raises:
-        ValueError: shapes may touch that have no located contact; the message names them.
+        ValueError: shapes may touch that have no located contact, or no stiffness; the message names them.
     """
     data = mujoco.MjData(m)
     mujoco.mj_kinematics(m, data)
@@ -101,7 +102,8 @@ def touches(m: Any) -> list[Touch]:
                 "located contacts do not have. Allowed: 1, 3."
             )
         body = int(m.geom_bodyid[geom])
-        softness = _softness(m, solref, solimp, float(m.body_invweight0[body, 0]), weight)
+        inverse_weight = float(m.body_invweight0[body, 0])
+        softness = _softness(m, named(m, "geom", geom), solref, solimp, inverse_weight, weight)
         points, radius, axes = _points(m, data, geom, surface)
         sliding = friction if condim == 3 else None
         result.append(Touch(geom, body, points, radius, surface, softness, sliding, axes))
@@ -136,12 +138,22 @@ def _refuse_different_friction(m: Any, touches_of_body: list[Touch]) -> None:
 
 
 def limits(m: Any) -> dict[int, Softness]:
-    """The limited hinges and slides, and the springs and dampers of their limits."""
+    """The limited hinges and slides, and the springs and dampers of their limits.
+
+    Raises:
+        ValueError: the stiffness of a limit is 0; the message names the joint.
+    """
     if m.opt.disableflags & (_OFF.mjDSBL_LIMIT | _OFF.mjDSBL_CONSTRAINT):
         return {}
     return {
-        int(j): _softness(m, m.jnt_solref[j], m.jnt_solimp[j], float(m.dof_invweight0[m.jnt_dofadr[j]]))
-        for j in np.flatnonzero(m.jnt_limited)
+        j: _softness(
+            m,
+            named(m, "joint", j),
+            m.jnt_solref[j],
+            m.jnt_solimp[j],
+            float(m.dof_invweight0[m.jnt_dofadr[j]]),
+        )
+        for j in np.flatnonzero(m.jnt_limited).tolist()
     }
 
 
@@ -224,28 +236,44 @@ def _margins_add() -> bool:
 
 
 def _softness(
-    m: Any, solref: Float[np.ndarray, " 2"], solimp: Float[np.ndarray, " 5"], w: float, load: float = math.inf
+    m: Any,
+    owner: str,
+    solref: Float[np.ndarray, " 2"],
+    solimp: Float[np.ndarray, " 5"],
+    w: float,
+    load: float = math.inf,
 ) -> Softness:
     """The spring with the stretch at rest that MuJoCo's constraint has, and a damper of its damping ratio.
 
     At rest the constraint's force is F = aref / R with aref = k d r and R = (1 - d) w / d for the stretch r,
     the impedance d(r), between dmin and dmax, and the inverse inertia w (MuJoCo's documentation, Computation,
     "Constraint model", and Modeling, "Solver parameters"). The spring is F / r at F = `load` (N); for large
-    loads d is dmax.
+    loads d is dmax. Numbers outside their ranges are replaced as MuJoCo does.
+
+    Raises:
+        ValueError: the stiffness of solref is 0; the message names the owner, a geom or a joint.
     """
-    low, high = np.clip(solimp[:2], mujoco.mjMINIMP, mujoco.mjMAXIMP).tolist()
-    if solref[0] > 0.0:
-        safe = not m.opt.disableflags & _OFF.mjDSBL_REFSAFE
-        time = max(float(solref[0]), 2.0 * m.opt.timestep) if safe else float(solref[0])
-        ratio = float(solref[1])
-        k = 1.0 / (high * time * ratio) ** 2
+    low, high, midpoint = np.clip(solimp[[0, 1, 3]], mujoco.mjMINIMP, mujoco.mjMAXIMP).tolist()
+    width, power = float(solimp[2]), max(1.0, float(solimp[4]))
+    time, ratio = solref.tolist()
+    if (time > 0.0) != (ratio > 0.0):  # one of each format
+        time, ratio = _DEFAULT_SOLREF
+    if time > 0.0:
+        if not m.opt.disableflags & _OFF.mjDSBL_REFSAFE:
+            time = max(time, 2.0 * m.opt.timestep)
+        k = 1.0 / max(mujoco.mjMINVAL, (high * time * ratio) ** 2)
+    elif time < 0.0:
+        k = -time / high**2
+        ratio = abs(ratio) / (2.0 * math.sqrt(-time))
     else:
-        ratio = -float(solref[1]) / (2.0 * math.sqrt(-float(solref[0])))
-        k = -float(solref[0]) / high**2
+        raise ValueError(
+            f"{owner} has solref {time:g} {ratio:g}, so no stiffness: give two numbers above 0 (time "
+            "constant, damping ratio), or below 0 (stiffness, damping)."
+        )
 
     def spring(r: float) -> float:
-        x = r / solimp[2] if solimp[2] > mujoco.mjMINVAL else 0.5
-        d = low + (high - low) * _rise(x, solimp[3], solimp[4])
+        share = _rise(r / width, midpoint, power) if width > mujoco.mjMINVAL else 0.5
+        d = low + (high - low) * share
         return k * d * d / ((1.0 - d) * w)
 
     deep = math.inf

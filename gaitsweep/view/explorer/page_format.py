@@ -164,9 +164,9 @@ def columns_of(table: pd.DataFrame, exact: Collection[str] = ()) -> list[dict[st
             entry |= {"categories": list(map(str, categories)), "values": codes.tolist()}
         elif pd.api.types.is_float_dtype(values):
             digits = _ALL_DIGITS if name in exact else DIGITS
-            entry["values"] = [rounded(value, digits) for value in values.to_numpy(float)]
+            entry["values"] = [rounded(value, digits) for value in values.to_numpy(float, na_value=math.nan)]
         else:
-            entry["values"] = [int(value) for value in values]
+            entry["values"] = [None if pd.isna(value) else int(value) for value in values]
         if len(set(map(str, entry["values"]))) == 1 and len(table) > 1:
             entry["values"] = entry["values"][0]  # one value of all records
         columns.append(entry)

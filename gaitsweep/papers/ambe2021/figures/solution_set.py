@@ -96,7 +96,8 @@ def solution_set(
         _legend(figure, table, hue, shown, theory_label, remark)
         if points:
             along = np.linspace(lines[:, 0], lines[:, 1], 20).reshape(-1, 3)
-            _mark(points, np.concatenate([settled, along]), space, planes)
+            marked = _wrapped(table, names, np.array(list(points.values()), float))
+            _mark(list(points), marked, np.concatenate([settled, along]), space, planes)
     return figure
 
 
@@ -123,9 +124,7 @@ def _scatter(
         rows = rows_where(table, shown == name)
         if name in (Outcome.NOT_SETTLED, Outcome.FAILED) or not len(rows):
             continue
-        place = rows[names].to_numpy(float)
-        circular = [is_angle(table, observable) for observable in names]
-        place = np.where(circular, np.mod(place, 2 * np.pi), place)
+        place = _wrapped(table, names, rows[names].to_numpy(float))
         width = 0.8 if marker[name] == "x" else 0
         style = {"color": colour[name], "marker": marker[name], "linewidths": width, "clip_on": False}
         size = float(np.clip(3e3 / len(rows), 9.0, 16.0))  # larger than the width of the lines over them
@@ -136,11 +135,21 @@ def _scatter(
     return np.concatenate(places)
 
 
+def _wrapped(
+    table: pd.DataFrame, names: Sequence[str], places: Float[np.ndarray, "points 3"]
+) -> Float[np.ndarray, "points 3"]:
+    """Places with their angles (rad) from 0 to 2 pi, as the axes are."""
+    return np.where([is_angle(table, name) for name in names], np.mod(places, 2 * np.pi), places)
+
+
 def _mark(
-    points: Mapping[str, Sequence[float]], drawn: Float[np.ndarray, "points 3"], space: Any, planes: Planes
+    names: Sequence[str],
+    places: Float[np.ndarray, "names 3"],
+    drawn: Float[np.ndarray, "points 3"],
+    space: Any,
+    planes: Planes,
 ) -> None:
     """Named points: open rings, each with its name on the side farthest from what is drawn."""
-    places = np.array(list(points.values()), float)
     ring = {"facecolors": "none", "edgecolors": "black", "s": 34, "linewidths": 1.1, "zorder": 8}
     space.scatter(*places.T, depthshade=False, **ring)
     for plane, pair in planes:
@@ -148,9 +157,9 @@ def _mark(
     space.get_figure(root=True).draw_without_rendering()  # places the panels
     to_page = space.get_proj()
     flat = [np.stack(proj3d.proj_transform(*s.T, M=to_page)[:2], axis=1) for s in (places, drawn)]
-    _name(space, list(points), *flat)
+    _name(space, names, *flat)
     for plane, pair in planes:
-        _name(plane, list(points), places[:, pair], drawn[:, pair])
+        _name(plane, names, places[:, pair], drawn[:, pair])
 
 
 def _name(
