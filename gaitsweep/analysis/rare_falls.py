@@ -86,8 +86,8 @@ class _Windows:
     """Windows of enlarged noise: `chances` (rounds,) of a fall in a step, and the weighted falls.
 
     `weights` (falls,) are those of falls at the last step of a window, `draws` (falls, steps, k) the numbers
-    drawn before them, NaN where none was drawn; `falls` counts those that `chances` are made of. `undecided` is the chance that a step
-    ends neither at a crossing nor by a fall.
+    drawn before them, NaN where none was drawn; `falls` counts those that `chances` are made of. `undecided`
+    is the chance that a step ends neither at a crossing nor by a fall.
     """
 
     chances: Float[np.ndarray, " rounds"]
