@@ -38,6 +38,7 @@ FORGOTTEN = 20  # steps after which rows have forgotten their common start
 _PILOT = 4  # rounds for each factor, before the best one is chosen
 _SLOW = 8  # times four nominal periods that a step may last
 _FEW = 20  # falls below which an estimate's own error is not known
+_ROUNDING = 1e-9  # a number that differs less from that of the step before was not drawn again
 _COMMON = 400  # falls in the plain steps of the pilots from which no noise is enlarged: an error of 5 %
 
 
@@ -55,9 +56,10 @@ class RareFalls:
         falls: the number of falls behind it.
         scale: the factor by which the noise was enlarged; 1 where plain steps met enough falls.
         simulated: steps that were simulated.
-        way_out: one record for each of the last steps before a fall: step (0 is that of the fall), and the
-            weighted means over all falls of the numbers drawn there, `draw_1`, ..., in standard deviations of
-            the noise itself; NaN where no fall came at the end of its window.
+        way_out: one record for each of the last steps up to a fall: step (0 is that of the fall, left out
+            where no fall came after a number of its own step), and the weighted means over all falls of the
+            numbers drawn there, `draw_1`, ..., in standard deviations of the noise itself; NaN where no fall
+            came at the end of its window.
     """
 
     chance: float
@@ -84,8 +86,8 @@ class _Windows:
     """Windows of enlarged noise: `chances` (rounds,) of a fall in a step, and the weighted falls.
 
     `weights` (falls,) are those of falls at the last step of a window, `draws` (falls, steps, k) the numbers
-    drawn before them; `falls` counts those that `chances` are made of. `undecided` is the chance that a step
-    ends neither at a crossing nor by a fall.
+    drawn before them, NaN where none was drawn; `falls` counts those that `chances` are made of. `undecided`
+    is the chance that a step ends neither at a crossing nor by a fall.
     """
 
     chances: Float[np.ndarray, " rounds"]
@@ -209,13 +211,14 @@ def _of_plain_steps(walk: _Walk, rounds: int, half: float) -> RareFalls:
 def _way_out(windows: _Windows, steps: int) -> pd.DataFrame:
     """The weighted means of the numbers drawn before falls, as `RareFalls.way_out`."""
     _, length, draws = windows.draws.shape
-    means = np.full((length, draws), np.nan)
-    if windows.weights.size:
-        means = np.average(windows.draws, axis=0, weights=windows.weights)
+    weights = np.where(np.isnan(windows.draws), 0.0, windows.weights[:, None, None])
+    total = weights.sum(axis=0)
+    sums = np.sum(weights * np.nan_to_num(windows.draws), axis=0)
+    means = np.divide(sums, total, out=np.full((length, draws), np.nan), where=total > 0.0)
     columns = {f"draw_{k + 1}": means[:, k] for k in range(draws)}
     way_out = pd.DataFrame({"step": np.arange(1 - steps, 1), **columns})
-    # the number that is drawn in the step of the fall comes after it
-    return way_out.iloc[:-1]
+    # a number that is drawn at the end of a step comes after a fall within it
+    return way_out if total[-1].any() else way_out.iloc[:-1]
 
 
 def _counted_steps(steps: int) -> range:
@@ -283,19 +286,19 @@ class _Walk:
     def _moved(
         self, states: State, scale: float, walks: Bool[np.ndarray, " rows"] | bool = True
     ) -> tuple[State, Int[np.ndarray, " rows"], Float[np.ndarray, "rows numbers"]]:
-        """The states after a step, each row's `ReturnStatus`, and the numbers that were drawn.
+        """The states after a step, each row's `ReturnStatus`, and the numbers that were drawn; else NaN.
 
         Rows that do not walk any more have no meaning.
         """
         noise = scale * self._values[self._noise]
         values = {**self._values, self._seed: self._seeds(), self._noise: noise}
         self.simulated += ROWS
-        moved, status, drawn = jax.tree.map(np.asarray, self._step(values, states))
+        moved, status, drawn = jax.tree.map(np.asarray, self._step(values, states, states))
         for _ in range(_SLOW):
             if not (late := walks & (status == ReturnStatus.late)).any():
                 break
             # a row that is slow near its barrier goes on within the same step
-            later = jax.tree.map(np.asarray, self._step(values, moved))
+            later = jax.tree.map(np.asarray, self._step(values, moved, states))
             moved, status, drawn = jax.tree.map(
                 lambda old, new, late=late: np.where(late.reshape(-1, *(1,) * (old.ndim - 1)), new, old),
                 (moved, status, drawn),
@@ -339,13 +342,14 @@ class _Walk:
             states, status, numbers = self._moved(states, scale, walks)
             falling, lost = (walks & (status == code) for code in (ReturnStatus.fell, ReturnStatus.late))
             _refuse_stuck(status[walks])
+            # a fall may come after numbers of its own step
+            log_weights += np.where(lost | ~walks, 0.0, _log_quotient(numbers, scale))
             if step in counted:
                 chance += float(np.exp(log_weights[falling]).sum())
                 falls += int(falling.sum())
             undecided += float(np.exp(log_weights[lost]).sum())
             draws.append(scale * numbers)
             walks &= status == ReturnStatus.crossed
-            log_weights += np.where(walks, _log_quotient(numbers, scale), 0.0)
         return _Windows(
             chances=np.array([chance / (ROWS * len(counted))]),
             weights=np.exp(log_weights[falling]),
@@ -364,19 +368,27 @@ def _refuse_stuck(status: Int[np.ndarray, " rows"]) -> None:
 
 
 def _log_quotient(numbers: Float[np.ndarray, "rows numbers"], scale: float) -> Float[np.ndarray, " rows"]:
-    """The logarithm of the density of scale * numbers over that of the numbers, both standard normal."""
-    return numbers.shape[1] * np.log(scale) - 0.5 * (scale**2 - 1.0) * np.sum(numbers**2, axis=1)
+    """The logarithm of the density of scale * numbers over that of the numbers, both standard normal.
+
+    Numbers that are NaN were not drawn, and have no share.
+    """
+    drawn = np.sum(~np.isnan(numbers), axis=1)
+    return drawn * np.log(scale) - 0.5 * (scale**2 - 1.0) * np.nansum(numbers**2, axis=1)
 
 
 @cached_by_content(maxsize=16)
 def _stepper(mapping: ModelMap, draws: Draws) -> Callable[..., Any]:
-    """The function `(values, states) -> (states, status, draws)` of many rows, after one step."""
+    """The function `(values, states, begun) -> (states, status, draws)` of many rows, after one step.
 
-    def one(values: Any, state: State) -> tuple[State, Any, Float[Array, " numbers"]]:
+    `begun` are the states at the begin of the step; numbers as before it were not drawn in it, and are NaN.
+    """
+
+    def one(values: Any, state: State, begun: State) -> tuple[State, Any, Float[Array, " numbers"]]:
         params = mapping.params(values)
         _, moved, status = mapping.state(params, state)
         fell = (status == ReturnStatus.crossed) & mapping.model.failed(params, moved)
         status = jnp.where(fell, ReturnStatus.fell, status)
-        return moved, status, jnp.atleast_1d(draws(params, moved))
+        numbers, before = (jnp.atleast_1d(draws(params, each)) for each in (moved, begun))
+        return moved, status, jnp.where(jnp.abs(numbers - before) > _ROUNDING, numbers, jnp.nan)
 
     return jax.jit(jax.vmap(one))

@@ -19,6 +19,11 @@ Sets = Mapping[str, Shaped[np.ndarray, " sets"]]
 Shares = Float[np.ndarray, " sets"]  # of the range of a constant, from 0 to 1
 
 
+def is_number(value: Any) -> bool:
+    """Whether a value is a number, and no truth value."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
     """A free constant: within a range, or one of some choices."""
 
@@ -59,7 +64,7 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
     def _choice_array(self) -> Shaped[np.ndarray, " choices"]:
         """Choices as an array of numbers, or of objects."""
         assert self.choices is not None
-        if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
+        if all(map(is_number, self.choices)):
             return np.array(self.choices)
         choices = np.empty(len(self.choices), object)
         choices[:] = self.choices

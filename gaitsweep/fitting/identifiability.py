@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.free_parameters import FreeParameter, is_number
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
 from gaitsweep.status import SetStatus
@@ -29,7 +29,9 @@ class Constant:
     """Identifiability of one constant from the near-best sets.
 
     `best` is its value in the best set; `low` and `high` are its least and largest value in the near-best
-    sets, and `spread` is their distance as a share of its range; `profile` (PARTS,) has the least score in
+    sets, and `spread` is their distance as a share of its range. `choices` has those of the
+    near-best sets if not all choices are numbers; `spread` is then the share of the other choices that is
+    among them. `profile` (PARTS,) has the least score in
     each part of its range, NaN without a set; `sets` is the number of near-best sets.
     """
 
@@ -40,24 +42,26 @@ class Constant:
     spread: float
     profile: Float[np.ndarray, " parts"]
     sets: int
+    choices: tuple[Any, ...] = ()
 
     @property
     def verdict(self) -> str:
         """Whether the targets pin it: pinned, free, or too few sets to say."""
-        if self.spread >= PINNED_SPREAD:
+        if len(self.choices) > 1 or self.spread >= PINNED_SPREAD:
             return "free"
         return "pinned" if self.sets >= MIN_SETS else "too few sets to say"
 
     @property
     def words(self) -> tuple[str, str]:
-        """Best value, and range of the near-best values, as text."""
+        """Best value, and the range or the choices of the near-best values, as text."""
+        if self.choices:
+            return _in_words(self.best), ", ".join(map(_in_words, self.choices))
         return _in_words(self.best), f"{_in_words(self.low)} to {_in_words(self.high)}"
 
 
 def _in_words(value: Any) -> str:
     """Format a value of a constant: numbers in five digits, choices as they are written."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f"{value:.5g}" if is_number else str(value)
+    return f"{value:.5g}" if is_number(value) else str(value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +124,12 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
 def _constant(name: str, free: FreeParameter, complete: pd.DataFrame, near_best: pd.DataFrame) -> Constant:
     """Return the identifiability of a constant from the complete and the near-best sets, sorted by score."""
     values = near_best[name].tolist()
-    shares = free.share(free.written(values))
+    written = free.written(values)
+    shares = free.share(written)
+    spread, choices = float(np.ptp(shares)), ()
+    if free.choices is not None and not all(map(is_number, free.choices)):  # they have no order
+        choices = tuple(choice for choice in free.choices if choice in written)
+        spread = (len(choices) - 1) / (len(free.choices) - 1)
     profile = np.full(PARTS, np.nan)
     parts = (free.share(free.written(complete[name].tolist())) * PARTS).astype(int)
     np.fmin.at(profile, np.minimum(parts, PARTS - 1), complete["score"].to_numpy())
@@ -129,7 +138,8 @@ def _constant(name: str, free: FreeParameter, complete: pd.DataFrame, near_best:
         best=values[0],
         low=values[int(np.argmin(shares))],
         high=values[int(np.argmax(shares))],
-        spread=float(np.ptp(shares)),
+        spread=spread,
         profile=profile,
         sets=len(near_best),
+        choices=choices,
     )

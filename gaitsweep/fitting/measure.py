@@ -57,7 +57,7 @@ def _values_of_condition(name: str, value: Any) -> tuple[float, ...]:
 
 def _read_linspace(value: Mapping[Any, Any]) -> tuple[float, ...]:
     """Read the points of {linspace: [first, last, number]}; raises InvalidValue."""
-    if set(value) != {"linspace"} or not isinstance(value["linspace"], Sequence):
+    if set(value) != {"linspace"} or not isinstance(value["linspace"], list | tuple):
         raise InvalidValue("takes a number, a list, or {linspace: [first, last, number]}.")
     if len(value["linspace"]) != 3:
         raise InvalidValue("has a linspace that is not [first, last, number].")

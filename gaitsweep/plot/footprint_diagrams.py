@@ -98,7 +98,8 @@ def footprints(
     if panels is not None:
         parts = list(table.groupby(column(table, panels), sort=True, observed=True))
     parts = parts or [(None, table)]
-    shared = [part["row"].unique() for _, part in parts if "row" in part and part["row"].nunique() > 1]
+    rows = [part["row"].unique() for _, part in parts if "row" in part]
+    shared = [together for together in rows if len(together) > 1]
     if shared:
         raise PlotError(
             f"Rows {shared[0][0]} and {shared[0][1]} would share a panel of footprints, which shows one row: "

@@ -75,8 +75,12 @@ def with_rates(model_class: type[Model]) -> type[Model]:
 def _change_of_energy(table: pd.DataFrame, name: str) -> str:
     """A sentence about the rate of an energy, from traces of a class `with_rates`."""
     rates = table[name + _RATE].to_numpy(float)
-    most = table.groupby("row")[name + _POWER].transform("max").to_numpy(float)
+    # a rate is finite only where the power is
+    powers = table[name + _POWER].where(np.isfinite(rates))
+    most = powers.groupby(table["row"]).transform("max").to_numpy(float)
     shares = np.divide(rates, most, out=np.zeros_like(rates), where=most > 0.0)[np.isfinite(rates)]
+    if not shares.size:
+        return f"The energy {name} has an infinite or NaN rate of change in all {len(table)} states."
     change = _direction_of_change(float(shares.min(initial=0.0)), float(shares.max(initial=0.0)))
     return f"The energy {name} {change} the power that its terms exchange ({shares.size} states)."
 
@@ -102,6 +106,8 @@ STIFFER = 10.0
 
 def _stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " rows"]]) -> list[str]:
     """Return sentences about defaults, and ends of a parameter's range, with which the flow is stiff.
+
+    There are sentences, too, about those with which its fastest rate is unknown.
 
     The range is that of the bounds, or of the values tried. Modes that are no flags have their values at the
     start.
@@ -133,6 +139,12 @@ def _stiff_ranges(model: HybridModel, values: Mapping[str, Float[np.ndarray, " r
         "Bounds (low=, high=) keep rows from there."
         for k, (name, end) in enumerate(ends, start=1)
         if steps[k] > max(STIFF, STIFFER * steps[0])
+    ]
+    sentences += [
+        f"{name} = {end:.4g} makes a derivative of the flow infinite or NaN, so its stiffness there is "
+        "unknown. Bounds (low=, high=) keep rows from there."
+        for (name, end), rate in zip(ends, rates[1:], strict=True)
+        if np.isnan(rate)
     ]
     return sentences
 
@@ -382,7 +394,7 @@ def _numerics(model: Model, values: Values) -> dict[str, float]:
 
 
 def _energies(model: HybridModel, model_class: type[Model], values: Values) -> list[str]:
-    """Return a sentence for each energy of a model, from a row at the defaults."""
+    """Return a sentence for each energy of a model, from traces of the rows tried."""
     watched = with_rates(model_class)
     names = [q.name.removesuffix(_RATE) for q in watched().signals if q.name.endswith(_RATE)]
     if not names:

@@ -96,6 +96,33 @@ def specials(table: pd.DataFrame, kind: str, parameter: str) -> np.ndarray:
     return table.loc[own, parameter].to_numpy(float)
 
 
+class Small(gs.MapModel):
+    """The logistic map of a length in units of 10 um."""
+
+    r = gs.parameter("1", "rate", 3.2)
+    x = gs.variable("m", "length", 0.3e-5)
+
+    def image(self, p, s):
+        return {"x": p.r * s.x * (1.0 - s.x / 1e-5)}
+
+
+def test_a_start_ends_on_one_gait_whatever_the_unit() -> None:
+    found = gs.atlas(
+        Small(),
+        parameter="r",
+        path=(3.1, 3.3),
+        at=3.2,
+        ranges={"x_0": (0.05e-5, 0.95e-5)},
+        budget=64,
+        periods=2,
+        depth=0,
+        verify=0,
+    )
+    gaits = found.gaits.sort_values("period", kind="stable")
+    assert gaits["period"].tolist() == [1, 1, 2]
+    assert gaits["reached"].tolist() == [0.0, 0.0, 1.0]
+
+
 def test_orbits_of_the_henon_map() -> None:
     """At a = 1.4, b = 0.3 it has 2, 1, 0, 1, 0 and 2 orbits of the periods 1 to 6 (Galias 1998)."""
     search = searched(HENON, {"a": 1.4, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 6, 512)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -115,6 +116,51 @@ def test_what_rare_falls_cannot_count_is_refused() -> None:
         wheel.rare_falls("roughness", drawn, steps=1)
     with pytest.raises(AnalysisError, match="level is 95, but must be between 0 and 1"):
         wheel.rare_falls("roughness", drawn, level=95)
+
+
+class Pushed(gs.DeclaredModel):
+    """x halves in a cycle; then a push draws a number, and |x| > 1 after it is a fall."""
+
+    section_coordinates = ("x",)
+    sigma = gs.parameter("1", "noise", 0.22, low=0.0)
+    seed = gs.parameter("1", "seed", 0.0, whole=True)
+    clock = gs.variable("1", "clock", observed=False)
+    x = gs.variable("1", "state", 0.0)
+    push = gs.variable("1", "last push", signal=False, held=True, observed=False)
+    steps = gs.mode(0, "steps")
+
+    def complete(self, p, s):
+        return s.replace(clock=0.0)
+
+    def flow(self, p, s):
+        return {"clock": jnp.ones_like(s.clock), "x": -jnp.log(2.0) * s.x}
+
+    @gs.event("tick", section=True)
+    def tick(self, p, s):
+        return s.clock - 1.0
+
+    @tick.jump
+    def pushed(self, p, s):
+        push = gs.normal(p.seed, s.steps + 1.0)
+        return s.replace(clock=0.0, x=s.x + p.sigma * push, push=push, steps=s.steps + 1)
+
+    def failed(self, p, s):
+        return jnp.abs(s.x) > 1.0
+
+    def period(self, p):
+        return jnp.ones_like(p.sigma)
+
+
+def test_a_fall_by_the_push_of_its_own_step_is_weighted_by_it() -> None:
+    """Within 4 standard errors of the recursion x -> x / 2 + sigma push on |x| < 1, by quadrature."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    kernel = stats.norm.pdf(nodes - 0.5 * nodes[:, None], scale=0.22) * weights
+    exact = 1.0 - float(np.abs(np.linalg.eigvals(kernel)).max())
+    found = gs.return_map(Pushed()).rare_falls("sigma", lambda p, s: s.push, rounds=16, scales=[2.5])
+    assert abs(np.log(found.chance / exact)) < np.log(found.high / found.low)
+    assert found.chance == pytest.approx(exact, rel=0.3)
+    # the push of the fall itself is the largest
+    assert found.way_out["step"].tolist() == [-5, -4, -3, -2, -1, 0]
 
 
 def test_survival_counts_the_rows_that_walk_so_far() -> None:

@@ -26,6 +26,7 @@ from gaitsweep.errors import JobError
 from gaitsweep.fitting import optimisers
 from gaitsweep.fitting.figures import draw_search
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
+from gaitsweep.fitting.identifiability import _constant
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import Robust, share_kept
@@ -227,6 +228,19 @@ def test_keywords_that_have_no_place_are_refused(tmp_path: Path) -> None:
 
     with pytest.raises(gs.ArgumentError, match="Own is a class of this session, and a result directory ne"):
         gs.search(Own, tmp_path / "out", launch_1=1.0, restitution=0.5, **TOY["search"])
+
+
+def test_words_have_no_order_that_pins_them() -> None:
+    """Two of six words leave a constant free wherever they stand among the choices; one alone pins it."""
+    words = ["tripod", "ripple", "wave", "trot", "pace", "bound"]
+    both = pd.DataFrame({"gait": ["tripod", "ripple"] * 20, "score": np.linspace(0.1, 0.9, 40)})
+    for choices in (words, [*words[2:], *words[:2]], [words[0], *words[2:], words[1]]):
+        constant = _constant("gait", FreeParameter(choices=choices), both, both)
+        assert (constant.verdict, constant.spread) == ("free", 0.2)
+        assert constant.words == ("tripod", "tripod, ripple")
+    one = both.iloc[::2]
+    constant = _constant("gait", FreeParameter(choices=words), both, one)
+    assert (constant.verdict, constant.words) == ("pinned", ("tripod", "tripod"))
 
 
 def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:
@@ -466,6 +480,7 @@ def test_a_constant_of_whole_numbers_has_no_neighbours(tmp_path: Path) -> None:
         ({"kind": ["value"]}, "search.targets.speed.kind: a list"),
         ({"of": "status"}, "search.targets.speed.of is status, which is unknown. Allowed: cycles"),
         ({"weight": 2}, "search.targets.speed.weight is not a field of a measure (value)"),
+        ({"at": {"mass": {"linspace": "123"}}}, "has mass, which takes a number, a list, or {linspace: ["),
         ({"at": {"mass": {"linspace": [1, 2, 20000]}}}, "a linspace of 20000 points, but takes 2 to 10000"),
         (
             {"at": {"mass": {"linspace": [1, 2, 200]}, "preload": {"linspace": [1, 2, 200]}}},

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -20,7 +21,7 @@ from gaitsweep.examples.slip_runner import STANCE, SlipRunner
 from gaitsweep.job.row_remarks import _some_rows, remarks_on_rows
 from gaitsweep.models.starts import idle_starts
 from gaitsweep.models.value_faults import faults
-from gaitsweep.runs.model_trial import trial, with_rates
+from gaitsweep.runs.model_trial import _change_of_energy, _stiff_ranges, trial, with_rates
 from tests.support.sweeping import scalars
 
 
@@ -307,6 +308,33 @@ class Careless(gs.DeclaredModel):
 
     def period(self, p):
         return 2.0 * jnp.pi / p.w
+
+
+def test_ends_of_ranges_without_a_finite_derivative_are_named() -> None:
+    class Divides(Careless):
+        k = gs.parameter("s", "time of relaxation", 0.5, low=0.0, high=1.0)
+
+        def flow(self, p, s):
+            return {"phase": p.w, "x": -s.x / p.k}
+
+    values = {"w": 2.0, "k": 0.5, "phase_0": 0.0, "x_0": 1.0}
+    (message,) = _stiff_ranges(Divides(), {name: np.array([value]) for name, value in values.items()})
+    assert message.startswith("k = 0 makes a derivative of the flow infinite or NaN")
+
+
+def test_an_energy_without_a_finite_rate_is_not_kept() -> None:
+    def said(rates: list[float], powers: list[float]) -> str:
+        trace = {"row": [0, 0, 1, 1], "E_rate_of_change": rates, "E_power": powers}
+        return _change_of_energy(pd.DataFrame(trace), "E")
+
+    assert (
+        said([np.nan] * 4, [np.nan] * 4)
+        == "The energy E has an infinite or NaN rate of change in all 4 states."
+    )
+    # the first state loses all power that is exchanged, whatever the power is where it is infinite
+    lost = said([-1.0, np.inf, np.nan, -np.inf], [1.0, np.inf, np.nan, np.inf])
+    assert "it only falls, by up to 1 of" in lost
+    assert "(1 states)" in lost
 
 
 @pytest.mark.slow

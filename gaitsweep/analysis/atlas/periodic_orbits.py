@@ -18,7 +18,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
+from gaitsweep.engine.poincare.maps import (
+    MIN_SCALE,
+    LeastSizes,
+    ManyCoordinates,
+    Map,
+    MapEvaluation,
+    Points,
+    Values,
+)
 
 Rows = Int[np.ndarray, " points"]  # the row of each point
 # starts for the rows (n,) of a round, from the number of starts before it
@@ -93,12 +101,19 @@ class OrbitSearch:
         values: its parameters, numbers or one for each row (n,).
         fix: conserved quantities that are held, each at one value for each row (n,).
         options: extent of the search.
+        least: the least scale of each coordinate, (size,) or one for all.
     """
 
     def __init__(
-        self, mapping: Map, values: Values, fix: Mapping[str, Any], options: OrbitSearchOptions
+        self,
+        mapping: Map,
+        values: Values,
+        fix: Mapping[str, Any],
+        options: OrbitSearchOptions,
+        least: LeastSizes = MIN_SCALE,
     ) -> None:
         self.mapping, self.values, self.fix, self.options = mapping, values, fix, options
+        self.least = least
         self.orbits: list[Orbit] = []
         self._drawn: dict[int, int] = {}  # starts of each row that were drawn at random
 
@@ -184,19 +199,28 @@ class OrbitSearch:
     def mark_reached(self, ends: Points, rows: Rows, sound: Bool[np.ndarray, " points"]) -> None:
         """Note for each orbit the share of its row's simulated starts that ended on it.
 
+        A start ends on the nearest orbit alone.
+
         Args:
             ends: the last points of the starts.
             rows: the row of each.
             sound: whether each start came so far.
         """
-        for number, orbit in enumerate(self.orbits):
-            starts = np.flatnonzero(rows == orbit.row)
-            values = rows_of(self.values, np.full(orbit.period, orbit.row))
-            points = np.concatenate([image.at for image in with_images(self.mapping, orbit.points, values)])
-            away = self.mapping.distance(points[None], ends.at[starts][:, None])
-            if starts.size:
-                share = float(np.mean((np.min(away, axis=1) < REACHED) & sound[starts]))
-                self.orbits[number] = dataclasses.replace(orbit, reached=share)
+        for row in {orbit.row for orbit in self.orbits} & set(rows.tolist()):
+            starts = np.flatnonzero(rows == row)
+            numbers = [number for number, orbit in enumerate(self.orbits) if orbit.row == row]
+            away = np.array([self._distances(self.orbits[number], ends.at[starts]) for number in numbers])
+            ended = (away < REACHED) & sound[starts]
+            nearest = np.argmin(away, axis=0)
+            for place, number in enumerate(numbers):
+                share = float(np.mean(ended[place] & (nearest == place)))
+                self.orbits[number] = dataclasses.replace(self.orbits[number], reached=share)
+
+    def _distances(self, orbit: Orbit, at: ManyCoordinates) -> Float[np.ndarray, " points"]:
+        """The distances of points (n, size) to an orbit or an image of it."""
+        values = rows_of(self.values, np.full(orbit.period, orbit.row))
+        points = np.concatenate([image.at for image in with_images(self.mapping, orbit.points, values)])
+        return np.min(self.mapping.distance(points[None], at[:, None], self.least), axis=1)
 
     def _grouped(self, points: Points, rows: Rows) -> list[Rows]:
         """Groups of equal points of one row."""
@@ -205,7 +229,7 @@ class OrbitSearch:
             of_row = [group for group in groups if rows[group[0]] == rows[k]]
             if of_row:
                 heads = np.array([group[0] for group in of_row])
-                away = self.mapping.distance(points.at[heads], points.at[[k]])
+                away = self.mapping.distance(points.at[heads], points.at[[k]], self.least)
                 if np.min(away) < SAME:
                     of_row[int(np.argmin(away))].append(k)
                     continue
@@ -215,7 +239,7 @@ class OrbitSearch:
     def _insert(self, points: Points, rows: Rows, period: int, hits: Sequence[int]) -> set[int]:
         """Add the orbits through n points, or the hits of those that are known; the rows with new ones."""
         values, fix = rows_of(self.values, rows), rows_of(self.fix, rows)
-        candidates = polished(self.mapping, points, rows, values, period, fix)
+        candidates = polished(self.mapping, points, rows, values, period, fix, self.least)
         sound = np.array([k for k, orbit in enumerate(candidates) if orbit is not None], int)
         orbits = [orbit for orbit in candidates if orbit is not None]
         if not orbits:
@@ -242,7 +266,9 @@ class OrbitSearch:
     def _known(self, point: Points, row: int) -> int | None:
         """The number of the orbit of a row to which a point belongs, or None."""
         for number, orbit in enumerate(self.orbits):
-            if orbit.row == row and np.min(self.mapping.distance(orbit.points.at, point.at)) < SAME:
+            if orbit.row != row:
+                continue
+            if np.min(self.mapping.distance(orbit.points.at, point.at, self.least)) < SAME:
                 return number
         return None
 
@@ -265,6 +291,7 @@ def polished(
     values: Values,
     period: int,
     fix: Sequence[str] | Mapping[str, object] = (),
+    least: LeastSizes = MIN_SCALE,
 ) -> list[Orbit | None]:
     """The orbits through n points that are nearly fixed by the map iterated `period` times.
 
@@ -275,6 +302,7 @@ def polished(
         values: parameters, numbers or one for each point (n,).
         period: the period.
         fix: conserved quantities to constrain, as for `newton`.
+        least: the least scale of each coordinate, (size,) or one for all.
 
     Returns:
         The orbits with their least periods; None where a point is on no orbit after all. The error of an
@@ -290,20 +318,24 @@ def polished(
             break
         at, images = at.merged(better, again.points[better]), images.merged(better, again.images[better])
         residual = np.minimum(residual, again.residual)
-    orbits = orbits_of(mapping, at, values, period)
+    orbits = orbits_of(mapping, at, values, period, least)
     mirrored, errors = mapping.mirrored(at, values), _errors(iterated, at, images, values, fix)
     polished_orbits: list[Orbit | None] = []
     for k, (orbit, error) in enumerate(zip(orbits, errors, strict=True)):
         if orbit is None or not fixed.converged[k]:
             polished_orbits.append(None)
             continue
-        apart = {name: np.min(mapping.distance(orbit.at, image.at[k])) for name, image in mirrored.items()}
+        apart = {
+            name: np.min(mapping.distance(orbit.at, image.at[k], least)) for name, image in mirrored.items()
+        }
         symmetry = tuple(name for name, distance in apart.items() if distance < SAME)
         polished_orbits.append(Orbit(int(rows[k]), orbit, float(error), symmetry=symmetry))
     return polished_orbits
 
 
-def orbits_of(mapping: Map, points: Points, values: Values, period: int) -> list[Points | None]:
+def orbits_of(
+    mapping: Map, points: Points, values: Values, period: int, least: LeastSizes = MIN_SCALE
+) -> list[Points | None]:
     """The points of the orbits of n points, each with its least period; None where a point has no image.
 
     Args:
@@ -311,18 +343,19 @@ def orbits_of(mapping: Map, points: Points, values: Values, period: int) -> list
         points: the points.
         values: parameters, numbers or one for each point (n,).
         period: crossings after which each point repeats, not always its least period.
+        least: the least scale of each coordinate, (size,) or one for all.
     """
     crossings, sound = [points], np.ones(len(points), bool)
-    least = np.full(len(points), period)
+    periods = np.full(len(points), period)
     for count in range(1, period):
         images = mapping.images(crossings[-1], values)
-        sound &= images.sound | (least < period)
+        sound &= images.sound | (periods < period)
         if period % count == 0:
-            back = mapping.distance(points.at, images.points.at) < SAME
-            least = np.where(images.sound & back & (least == period), count, least)
+            back = mapping.distance(points.at, images.points.at, least) < SAME
+            periods = np.where(images.sound & back & (periods == period), count, periods)
         crossings.append(images.points)
     return [
-        Points.joined([crossing[[k]] for crossing in crossings[: least[k]]]) if sound[k] else None
+        Points.joined([crossing[[k]] for crossing in crossings[: periods[k]]]) if sound[k] else None
         for k in range(len(points))
     ]
 

@@ -32,6 +32,7 @@ Coordinates = Float[Array, " coordinates"]
 Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
 # coordinates of many points
 ManyCoordinates = Float[np.ndarray, "... coordinates"]
+LeastSizes = Float[np.ndarray, " coordinates"] | float  # the least scale of each coordinate, or of all
 
 
 class Batch:
@@ -217,9 +218,11 @@ class Map(abc.ABC):
         """The difference a - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
-    def distance(self, a: ManyCoordinates, b: ManyCoordinates) -> Float[np.ndarray, " ..."]:
+    def distance(
+        self, a: ManyCoordinates, b: ManyCoordinates, least: LeastSizes = MIN_SCALE
+    ) -> Float[np.ndarray, " ..."]:
         """The largest difference of a coordinate, relative to its scale; inf where a difference is NaN."""
-        share = np.abs(self.difference(a, b)) / sizes(a)
+        share = np.abs(self.difference(a, b)) / sizes(a, least)
         return np.nan_to_num(np.max(share, axis=-1), nan=np.inf)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
@@ -355,9 +358,9 @@ def column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
     return np.broadcast_to(column, (n,)).copy()
 
 
-def sizes(at: ManyCoordinates) -> ManyCoordinates:
-    """The scale of each of some coordinates (..., size)."""
-    return MIN_SCALE + np.abs(at)
+def sizes(at: ManyCoordinates, least: LeastSizes = MIN_SCALE) -> ManyCoordinates:
+    """The scale of each of some coordinates (..., size): `least` plus its magnitude."""
+    return least + np.abs(at)
 
 
 def wrap_difference(
