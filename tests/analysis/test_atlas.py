@@ -106,6 +106,7 @@ class Small(gs.MapModel):
         return {"x": p.r * s.x * (1.0 - s.x / 1e-5)}
 
 
+@pytest.mark.slow
 def test_a_start_ends_on_one_gait_whatever_the_unit() -> None:
     found = gs.atlas(
         Small(),

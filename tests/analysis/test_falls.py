@@ -151,6 +151,7 @@ class Pushed(gs.DeclaredModel):
         return jnp.ones_like(p.sigma)
 
 
+@pytest.mark.slow
 def test_a_fall_by_the_push_of_its_own_step_is_weighted_by_it() -> None:
     """Within 4 standard errors of the recursion x -> x / 2 + sigma push on |x| < 1, by quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(200)

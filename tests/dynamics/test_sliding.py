@@ -182,6 +182,7 @@ def test_coordinates_of_a_map_have_the_side_on_which_they_lie() -> None:
     np.testing.assert_allclose(images, ends[["x_n", "v_n"]], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_block_follows_the_stairs_of_its_belt() -> None:
     stairs = gs.Staircase(parameter="u", path=[0.0, 0.2, 0.0], step=0.1, dwell=10.0)
     table = gs.sweep(Carried(), run=stairs, stiffness=0.0, verify=0).table
@@ -211,6 +212,7 @@ def test_what_a_sliding_state_would_not_feel_is_refused(run: Any, values: dict[s
         gs.sweep(Carried(), run=run, **values)
 
 
+@pytest.mark.slow
 def test_noise_across_a_surface_is_refused() -> None:
     """A state with noise in the height does not stay on the surface; other noise it may have."""
     noisy = {
