@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NamedVariables = Sequence[tuple[str, Variable]]
 _CORRECTIONS = 3  # Newton steps onto the section, from states that are close to it
 _CLOSE = 0.02  # share of the nominal period from the section within which a state is moved onto it
-_UNCHANGED = 1e-9  # change (by a metre) below which a number does not depend on where a body is
+_UNCHANGED = 1e-9  # change, for a metre or radian, below which a number does not depend on where a body is
 _FREE = (
     ("up_x", "1", "vertical component of the body's x axis"),
     ("up_y", "1", "vertical component of the body's y axis"),
@@ -147,20 +147,26 @@ class BodyCoordinates(Chart):
         return covered & level & is_upright(state.q[3:7])
 
     def _place_matters(self, params: Any, state: Any) -> Bool[Array, ""]:
-        """Whether controls, events, rates of variables or springs depend on the places that are left out."""
+        """Whether controls, events, rates of variables or springs change with what is left out."""
         body = self.model.body
         slides = [joint for joint in body.joints if joint.along_ground]
         matters = [params.body[f"{slide.name}_stiffness"] != 0.0 for slide in slides]
 
-        def deciding(q: Float[Array, " nq"]) -> Any:
-            at = state.replace(q=q)
+        def deciding(q: Float[Array, " nq"], v: Float[Array, " nv"]) -> Any:
+            at = state.replace(q=q, v=v)
             control = self.model.checked_control(params, at)
             numbers = control, self.model.guards(params, at), self.model.rates(params, at)
             return jax.tree.map(lambda number: jnp.asarray(number, jnp.float64), numbers)
 
-        for place in (*(range(2) if body.is_free else ()), *(slide.in_q for slide in slides)):
-            along = jnp.zeros_like(state.q).at[place].set(1.0)
-            _, changes = jax.jvp(deciding, (state.q,), (along,))
+        q, v = state.q, state.v
+        still_q, still_v = jnp.zeros_like(q), jnp.zeros_like(v)
+        places = (*(range(2) if body.is_free else ()), *(slide.in_q for slide in slides))
+        ways = [(still_q.at[place].set(1.0), still_v) for place in places]
+        if body.is_free:  # a turn about the vertical, of the orientation and of the velocity in the world
+            turned = 0.5 * jnp.stack([-q[6], -q[5], q[4], q[3]])
+            ways.append((still_q.at[3:7].set(turned), still_v.at[:2].set(jnp.stack([-v[1], v[0]]))))
+        for way in ways:
+            _, changes = jax.jvp(deciding, (q, v), way)
             matters += [jnp.any(jnp.abs(change) > _UNCHANGED) for change in jax.tree.leaves(changes)]
         return jnp.any(jnp.stack(matters)) if matters else jnp.zeros((), bool)
 

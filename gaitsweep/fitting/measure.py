@@ -146,16 +146,17 @@ def error_of_column(formula: str, columns: Sequence[str], ordered: Model | None 
         ordered: the model, for a measure that compares values, so that its observables that are angles, and
             angles of its labels, are refused; a parameter may be an angle.
     """
-    is_parameter = ordered is not None and formula in {quantity.name for quantity in ordered.parameters}
-    if ordered is not None and not is_parameter and _is_angle(formula, ordered):
-        return "of", f"is {formula}, an angle, and angles on the circle have no order and no middle."
     numeric_columns = _numeric_columns(columns)
-    if formula in numeric_columns:
-        return None
     try:
-        names = names_used(formula)
+        names = {formula} if formula in numeric_columns else names_used(formula)
     except ExpressionError as error:
         return "of", f"is neither a column nor a formula: {error}"
+    if ordered is not None and _gives_angle(formula, ordered):
+        parameters = {quantity.name for quantity in ordered.parameters}
+        if any(name not in parameters and _is_angle(name, ordered) for name in names):
+            return "of", f"is {formula}, an angle, and angles on the circle have no order and no middle."
+    if formula in numeric_columns:
+        return None
     if not names:
         return "of", "has no column: it takes one, or a formula of columns."
     unknown = sorted(names - set(numeric_columns))

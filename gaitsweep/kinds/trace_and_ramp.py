@@ -144,7 +144,10 @@ class Ramp(RunKind):
 
 
 def _check_surface(rows: Design, parameter: str) -> list[Diagnostic]:
-    """A diagnostic if a surface of sliding moves with a parameter, which sliding states do not follow."""
+    """A diagnostic if the height over a surface of sliding depends on a moving parameter.
+
+    Sliding states do not follow a surface that moves with it.
+    """
     model = rows.model
     surfaces = model.declarations.of_kind(Sliding) if isinstance(model, DeclaredModel) else {}
     if not surfaces:
@@ -155,7 +158,10 @@ def _check_surface(rows: Design, parameter: str) -> list[Diagnostic]:
     (used,) = dependences(lambda values: [surface.height(model.params(values), state)], numbers)
     if used.isdisjoint((parameter, *rows.following(parameter))):
         return []
-    text = f"is {parameter}, with which the surface of {name} moves, but sliding states do not follow it: "
+    text = (
+        f"is {parameter}, on which the height over the surface of {name} depends, but sliding states do not "
+        "follow a surface that moves: "
+    )
     return [Diagnostic(("run", "parameter"), f"{text}use run.kind: staircase.")]
 
 

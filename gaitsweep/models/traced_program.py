@@ -40,6 +40,7 @@ _ARGUMENTS = {
     "label": ("params", "observe"),
 }
 _OUTPUTS = ("observables", "label_fields", "signals", "gaits")  # their scales decide when a row has settled
+DECLARATIONS = ("parameters", *_OUTPUTS)  # names of digests that are not those of functions
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
 
 

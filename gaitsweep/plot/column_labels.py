@@ -138,9 +138,14 @@ def written(table: pd.DataFrame, name: str, value: object, digits: int | None = 
     return f"{symbol(table, name)} = ${text}$"
 
 
+def least_digits(table: pd.DataFrame, name: str) -> int:
+    """The number of digits of a measured value: 4, of an angle in multiples of pi 3."""
+    return 3 if is_angle(table, name) else 4
+
+
 def digits_of(table: pd.DataFrame, name: str) -> int:
-    """The fewest digits, from 4 (3 of an angle in multiples of pi), that tell a column's values apart."""
-    least = 3 if is_angle(table, name) else 4
+    """The fewest digits, from `least_digits` on, that tell a column's values apart."""
+    least = least_digits(table, name)
     numbers: Any = pd.to_numeric(pd.Series(table.get(name, [])), errors="coerce")
     numbers = np.asarray(numbers, np.float64)
     values = np.unique(numbers[np.isfinite(numbers)]) / (np.pi if is_angle(table, name) else 1.0)

@@ -175,7 +175,7 @@ def table_in_memory(
             memory = MemoryTable(job.resolved(engine=context.engine), context.layout)
             checked = _run(context, memory, on_progress or (lambda *_, **__: None), on_message)
             _judge(context, checked, on_message, strict=False)
-            return memory.load()
+            return memory.load(last=True)
     with temporary_folder() as folder:
         path = run_job(
             job, folder, on_progress=on_progress, on_message=on_message, figures=False, cluster=cluster

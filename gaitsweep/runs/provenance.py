@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from gaitsweep.contract import Model
-from gaitsweep.models.traced_program import first_difference
+from gaitsweep.models.traced_program import DECLARATIONS, first_difference
 from gaitsweep.runs.prepare import RunContext, RunError
 from gaitsweep.table import Table
 
@@ -171,17 +171,18 @@ def check_program(context: RunContext, path: Path | None, manifest: Mapping[str,
     changed = first_difference(program_before, context.program)
     if changed is None:
         return []
-    function = f"the function {changed} of {context.job.model}"
+    declared = f"the {changed} of {context.job.model} are others"
+    traced = f"the function {changed} of {context.job.model} computes something else"
+    what = declared if changed in DECLARATIONS else traced
     if _other_versions(manifest, _TRACING) or _commits(manifest):
         return [
-            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {function} differs. Other "
+            f"Warning: {path} was begun with {'; '.join(differing(manifest))}, and {what}. Other "
             "versions may trace the same function differently; whether a data file or a constant has changed "
             "as well is not known."
         ]
     raise RunError(
-        f"{path} holds another job's table: {function} computes something else than when it was begun. A "
-        "data file, a constant or a module that the model reads has changed: restore it, or choose another "
-        "directory with --out."
+        f"{path} holds another job's table: {what} than when it was begun. A data file, a constant or a "
+        "module that the model reads has changed: restore it, or choose another directory with --out."
     )
 
 

@@ -79,9 +79,14 @@ class MemoryTable:
         manifest = self.manifest | fields
         self.manifest = {name: value for name, value in manifest.items() if value is not None}
 
-    def load(self, rows: Rows | None = None) -> pd.DataFrame:
-        """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`."""
-        frame = self._frame(None, rows)
+    def load(self, rows: Rows | None = None, *, last: bool = False) -> pd.DataFrame:
+        """Return the complete table, or the records of some rows, with the `.attrs` of `table.load`.
+
+        Args:
+            rows: the rows; None: all.
+            last: give up the records, so that they are not in memory twice.
+        """
+        frame = self._frame(None, rows, last=last)
         manifest = with_shared_lists(sealed(json_value(self.manifest)))
         frame.attrs.update(
             job=manifest["job"],
@@ -97,7 +102,7 @@ class MemoryTable:
         """Yield the records of the complete table."""
         yield self._frame(columns, None)
 
-    def _frame(self, columns: Sequence[str] | None, rows: Rows | None) -> pd.DataFrame:
+    def _frame(self, columns: Sequence[str] | None, rows: Rows | None, *, last: bool = False) -> pd.DataFrame:
         """Return the records of some columns and rows."""
         selection = Selection.of(columns, rows, self.layout.rows)
         parts = PartRecords()
@@ -107,4 +112,7 @@ class MemoryTable:
                     near = near_miss.suggestion(name, records.column_names)
                     raise TableError(f"{name} is not a column of the table{near}")
             parts.add(selection.records_of(records), footer)
+            del records
+        if last:
+            self._parts = {}
         return joined_parts(Path(), parts, columns)

@@ -576,6 +576,11 @@ def test_a_slide_along_the_ground_that_acts_on_the_motion_is_not_left_out() -> N
     assert covers(of(HOPPER))
     assert not covers(of(HOPPER), x_stiffness=3.0)
     assert not any(covers(of(HOPPER, **members)) for members in READERS.values())
+    # of a free body the heading is left out, too
+    free: dict[str, Any] = {"height": None, "control": lambda self, p, s: jnp.zeros(0)}
+    steered = {"rates": lambda self, p, s: {"phi": p.omega + s.q[6]}}
+    assert covers(of(BOX, **free))
+    assert not covers(of(BOX, **free, **steered))
 
 
 BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>

@@ -194,11 +194,15 @@ def test_a_block_follows_the_stairs_of_its_belt() -> None:
 @pytest.mark.parametrize(
     ("run", "values", "says"),
     [
-        (gs.Ramp(parameter="u", path=[0.0, 0.2], rate=0.1), {}, r"surface of slip moves.*staircase"),
+        (
+            gs.Ramp(parameter="u", path=[0.0, 0.2], rate=0.1),
+            {},
+            r"over the surface of slip depends.*staircase",
+        ),
         (
             gs.Trace(duration=1.0, every=0.5, parameter="u", path=[0.0, 0.2], rate=0.1),
             {},
-            r"surface of slip moves.*staircase",
+            r"over the surface of slip depends.*staircase",
         ),
         (
             gs.Perturb(push=["v"], force=True),

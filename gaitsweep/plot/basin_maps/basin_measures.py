@@ -22,7 +22,7 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
-from gaitsweep.plot.column_labels import axis_label, unit_of, written
+from gaitsweep.plot.column_labels import axis_label, digits_of, unit_of, written
 from gaitsweep.plot.columns import column, is_angle, rows_where
 from gaitsweep.plot.figure_style import current
 from gaitsweep.plot.kind import PlannedTable, Refusal, figure_kind
@@ -187,12 +187,13 @@ def _draw_uncertain(
         return
     values = list(measured.panels[panels]) if panels else [None]
     many = len(values) > _MOST_NAMED
+    digits = digits_of(table, panels) if panels else None
     shades = _shades()(np.linspace(0.0, 1.0, len(values)))
     for number, value in enumerate(values):
         uncertain = _with_value(measured.uncertainty, panels, value)
         uncertain = rows_where(uncertain, uncertain["uncertain"] > 0.0)
         exponent = _exponent_text(_with_value(measured.panels, panels, value))
-        label = f"{written(table, panels, value)}, {exponent}" if panels else exponent
+        label = f"{written(table, panels, value, digits)}, {exponent}" if panels else exponent
         look: dict[str, Any] = {"color": shades[number], "markersize": 3.5, "linewidth": 0.7}
         look["marker"] = theme.SPARE_MARKERS[number % len(theme.SPARE_MARKERS)]
         axes.loglog(uncertain[eps], uncertain["uncertain"], label=None if many else label, **look)

@@ -38,7 +38,7 @@ from gaitsweep.plot.bifurcations.passes import (
     panels_of_second,
     while_moving,
 )
-from gaitsweep.plot.column_labels import described, symbol, written
+from gaitsweep.plot.column_labels import described, least_digits, symbol, written
 from gaitsweep.plot.columns import (
     MOST_PANELS,
     PlotError,
@@ -339,7 +339,8 @@ def _name_gaits(
         gaits = records["gait"].to_numpy(str)
         value = unwrap_from(records[name].to_numpy(float), origin)
         for gait in name_branches(axes, records[x].to_numpy(float), value, gaits):
-            middle = written(table, name, float(np.median(value[gaits == gait])))
+            median = float(np.median(value[gaits == gait]))
+            middle = written(table, name, median, least_digits(table, name))
             texts.append(f"{theme.named(gait)} about {middle}")
     return [Line2D([], [], ls="", label=text) for text in dict.fromkeys(texts)]
 

@@ -19,7 +19,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.plot import theme
-from gaitsweep.plot.column_labels import digits_of, symbol, unit_of
+from gaitsweep.plot.column_labels import symbol, unit_of
 from gaitsweep.plot.columns import is_angle
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.replays import Crossings, Motion
@@ -114,12 +114,12 @@ def label_of(table: pd.DataFrame, name: str) -> str:
     return f"{html_symbol(table, name)} ({unit})" if unit else html_symbol(table, name)
 
 
-def written(table: pd.DataFrame, name: str, value: float) -> str:
-    """Format a value in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
+def written(table: pd.DataFrame, name: str, value: float, digits: int) -> str:
+    """Format a value with so many digits in HTML, with its unit if it has one: `ψ₁ = 0.4π`."""
     if is_angle(table, name):
         return f"{html_symbol(table, name)} = {theme.in_pi(value)}"
     unit = html.escape(unit_of(table, name), quote=False)
-    return f"{html_symbol(table, name)} = {value:.{digits_of(table, name)}g} {unit}".rstrip()
+    return f"{html_symbol(table, name)} = {value:.{digits}g} {unit}".rstrip()
 
 
 def html_symbol(table: pd.DataFrame, name: str) -> str:

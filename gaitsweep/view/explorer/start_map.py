@@ -18,6 +18,7 @@ from gaitsweep.design import Design
 from gaitsweep.job import Job
 from gaitsweep.plot import PlotError, theme
 from gaitsweep.plot.basin_maps.cells import cell_edges
+from gaitsweep.plot.column_labels import digits_of
 from gaitsweep.plot.columns import column, is_angle, is_logarithmic, rows_where
 from gaitsweep.status import Outcome, Status
 from gaitsweep.view.explorer.page_format import label_of, written
@@ -281,9 +282,12 @@ def _slices(table: pd.DataFrame, job: Job, drawn: Sequence[int], few: int | None
         if number in drawn or not is_few:
             continue
         texts = []
+        digits = {name: digits_of(table, name) for name in group.axes}
         for value in range(group.length):
             values = design.at(np.array([value * design.stride(place)]), tuple(group.axes))
-            texts.append(", ".join(written(table, name, float(v[0])) for name, v in values.items()))
+            texts.append(
+                ", ".join(written(table, name, float(v[0]), digits[name]) for name, v in values.items())
+            )
         slices.append(Slice(next(iter(group.axes)), texts, design.index(row, place)))
     return slices
 
