@@ -56,8 +56,10 @@ def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
     result = measure("value", of="turn").of_sets(seen, Turning())
     assert abs(result.values[0]) == pytest.approx(np.pi)
     for kind, fields in (("order", {"gaits": ["hop", "rest"]}), ("prominence", {"along": "mass"})):
-        refusal = measure(kind, of="turn", **fields).field_error(["turn"], Turning())
-        assert "is turn, an angle" in str(refusal)
+        for formula in ("turn", "turn - 1.0", "-turn"):
+            refusal = measure(kind, of=formula, **fields).field_error(["turn"], Turning())
+            assert f"is {formula}, an angle" in str(refusal)
+        assert measure(kind, of="cos(turn)", **fields).field_error(["turn"], Turning()) is None
 
 
 def test_differences_of_angles_are_angles_and_their_ranges_are_arcs() -> None:
