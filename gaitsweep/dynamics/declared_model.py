@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Recommended
+from gaitsweep.contract import Chart, FixedStepDynamics, HybridModel, Model, Recommended
 from gaitsweep.dynamics.declarations import Reading, Variable
 from gaitsweep.dynamics.declared import Declared, Values
 from gaitsweep.dynamics.event_declarations import CORRECTED, Arming, SingleEvent, Surfaces
@@ -361,3 +361,8 @@ def _at(modes: Arming, place: int) -> Arming:
 def _stacked(modes: list[Arming]) -> Arming:
     """The modes of events in one array each."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *modes)
+
+
+def surfaces_of(model: Model) -> dict[str, Sliding]:
+    """The surfaces of sliding of a model, by name."""
+    return model.declarations.of_kind(Sliding) if isinstance(model, DeclaredModel) else {}

@@ -16,8 +16,7 @@ from gaitsweep.contract import HybridModel, Model
 from gaitsweep.design import Design
 from gaitsweep.design.design import MAX_CHECKED, inside, requirement
 from gaitsweep.design.vary import written_names
-from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.sliding import Sliding
+from gaitsweep.dynamics.declared_model import surfaces_of
 from gaitsweep.engine.pushed_model import (
     CYCLES,
     DURATION,
@@ -217,13 +216,12 @@ class Perturb(SettlesRows):
                 wrong.append(Diagnostic(("run", "push", k), f"is {name}, which is named twice."))
         if self.force and not self.push:
             wrong.append(Diagnostic(("run", "force"), "has no effect without run.push: remove it."))
-        model = rows.model.model
-        surfaces = model.declarations.of_kind(Sliding) if isinstance(model, DeclaredModel) else {}
-        if self.force and surfaces:
+        if self.force and (surfaces := surfaces_of(rows.model.model)):
             text = (
                 f"is true, but a state that slides along the surface of {next(iter(surfaces))} does not feel "
+                "the force: add it to flow, as a parameter."
             )
-            wrong.append(Diagnostic(("run", "force"), f"{text}the force: add it to flow, as a parameter."))
+            wrong.append(Diagnostic(("run", "force"), text))
         if self.force and self.step is not None:
             text = f"is {self.step}, which lasts for {CYCLES}, but the force of run.push for {DURATION}: "
             wrong.append(Diagnostic(("run", "step"), f"{text}use one run for each, or a push at once."))

@@ -18,8 +18,7 @@ from pydantic import Field
 
 from gaitsweep.contract import Model
 from gaitsweep.design import Design
-from gaitsweep.dynamics.declared_model import DeclaredModel
-from gaitsweep.dynamics.sliding import Sliding
+from gaitsweep.dynamics.declared_model import surfaces_of
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
 from gaitsweep.engine.recorders.recordings import (
     CrossingRecorder,
@@ -149,8 +148,7 @@ def _check_surface(rows: Design, parameter: str) -> list[Diagnostic]:
     Sliding states do not follow a surface that moves with it.
     """
     model = rows.model
-    surfaces = model.declarations.of_kind(Sliding) if isinstance(model, DeclaredModel) else {}
-    if not surfaces:
+    if not (surfaces := surfaces_of(model)):
         return []
     ((name, surface),) = surfaces.items()
     state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes_of(model)[1])
