@@ -126,12 +126,12 @@ class RowOutcome:
         return cls(**{name: _concatenated([getattr(part, name) for part in parts]) for name in names})
 
     def put(
-        self, which: Int[np.ndarray, " ended"], numbers: Mapping[str, Num[np.ndarray, "ended ..."]]
+        self, which: Int[np.ndarray, " ended"] | slice, numbers: Mapping[str, Num[np.ndarray, "ended ..."]]
     ) -> None:
         """Set the numbers of some rows.
 
         Args:
-            which: the places of the rows (m,).
+            which: the places of the rows (m,), or their slice.
             numbers: their numbers, (m, ...) each, by name.
 
         Raises:

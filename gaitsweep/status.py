@@ -42,6 +42,11 @@ class StatusNames(frozenset[str]):
 
     def among(self, values: ArrayLike) -> Bool[np.ndarray, " *rows"]:
         """Test for each of some statuses (n,), names or the engine's numbers, whether it is one of these."""
+        if (categories := getattr(getattr(values, "dtype", None), "categories", None)) is not None:
+            import pandas as pd
+
+            known = [*(name in self for name in categories), False]  # a missing status has the code -1
+            return np.array(known)[pd.Categorical(values).codes]
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])

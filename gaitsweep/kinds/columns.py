@@ -148,17 +148,17 @@ def rests_at_crossings(
 
 def observed_at_end(
     model: Model,
-    values: Callable[[RowOutcome], Float[np.ndarray, "rows observables"]] = lambda rows: rows.last,
+    values: Callable[[RowOutcome, int], Float[np.ndarray, " rows"]] = lambda rows, i: rows.last[:, i],
 ) -> list[Column]:
     """The observables where each row ended, such as `psi_1_end`.
 
     Args:
         model: the model.
-        values: function from the results of a block's rows to the observables; by default those of the last
-            crossing.
+        values: function from the results of a block's rows to the observable (n,) at a place; by default that
+            of the last crossing.
     """
     return [
-        Column(f"{q.name}_end", lambda records, i=i: values(records.block)[:, i], q, False)
+        Column(f"{q.name}_end", lambda records, i=i: values(records.block, i), q, False)
         for i, q in enumerate(model.observables)
     ]
 

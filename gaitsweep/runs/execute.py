@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.engine.content import held_contents
+from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
@@ -172,6 +173,8 @@ def table_in_memory(
     if cluster is None and job.run.refined(job.design) is None:
         with held_contents():
             context = prepare(job)
+            block = rows_of_a_block(job.engine.block, context.spec.n_rows, in_memory=True)
+            context = dataclasses.replace(context, spec=dataclasses.replace(context.spec, block=block))
             memory = MemoryTable(job.resolved(engine=context.engine), context.layout)
             checked = _run(context, memory, on_progress or (lambda *_, **__: None), on_message)
             _judge(context, checked, on_message, strict=False)

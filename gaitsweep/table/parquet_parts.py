@@ -85,9 +85,13 @@ class ArrowPart(NamedTuple):
         metadata of its arrow field, under the keys `unit` and `meaning`.
         """
         metadata = {_KEY: json.dumps(dataclasses.asdict(self.footer)).encode()}
+        plain = [
+            field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field
+            for field in self.records.schema
+        ]
         file = io.BytesIO()
         pq.write_table(
-            self.records.replace_schema_metadata(metadata),
+            self.records.cast(pa.schema(plain, metadata)),
             file,
             compression="zstd",
             use_dictionary=list(self.footer.categories),  # pyright: ignore[reportArgumentType] (its stub: bool)
@@ -111,8 +115,9 @@ def missing_blocks(numbers: Iterable[int], footers: Container[int]) -> list[int]
 
 
 def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
-    """Return the numbers of rows by status; the status of a row is that of its last record."""
-    last = frame.drop_duplicates("row", keep="last")["status"]
+    """Return the numbers of rows, in order, by status; the status of a row is that of its last record."""
+    rows = frame["row"].to_numpy()
+    last = frame["status"][np.append(rows[1:] != rows[:-1], np.ones(min(rows.size, 1), bool))]
     counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
     return dict(sorted(counts.items()))
 
@@ -214,8 +219,9 @@ def count_names(table: pa.Table, column: str) -> dict[str, int]:
 
 def _text(codes: np.ndarray, names: list[str]) -> pa.Array:
     """Return the names of codes (n,); -1 has no name."""
-    coded = pa.array(codes, mask=codes < 0)
-    return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string())).cast(pa.string())
+    # parts with few names and with many have indices of one type
+    coded = pa.array(codes.astype(np.int32), mask=codes < 0)
+    return pa.DictionaryArray.from_arrays(coded, pa.array(names, pa.string()))
 
 
 def read_footer(data: bytes) -> Footer:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from gaitsweep.contract import Params
 from gaitsweep.engine.devices import Device
@@ -29,7 +29,8 @@ def _lane_kernels(kernel: Kernel, read_slots: tuple[int, ...]) -> LaneKernels:
     """The kernels that fill lanes and collect their slots `read_slots`."""
 
     def lane_kernels() -> LaneKernels:
-        return gpu_program.lane_kernels(kernel.chunk, read_slots, kernel.title)
+        opening, from_row = kernel.opening()
+        return gpu_program.lane_kernels(kernel.chunk, opening, read_slots, kernel.title, from_row=from_row)
 
     return LaneKernels(*kernel.stored("lanes_on_card", lane_kernels))
 
@@ -90,7 +91,7 @@ class CudaLanes(KernelLanes):
         self._put = module.get_kernel("put")
         self._collect = module.get_kernel("collect")
         self._trajectory = module.get_kernel("trajectory")
-        self._uniform = UniformConstants(varying_slots(self.kernel, spec.varied))
+        self._uniform = UniformConstants(self._lane_kernels.read, varying_slots(self.kernel, spec.varied))
         n_slots = self._lane_kernels.slots
         size = self.size
         width = self.kernel.width
@@ -98,7 +99,7 @@ class CudaLanes(KernelLanes):
         self._samples = DeviceArray(self.card, (BUFFER, size, width))
         self._output = DeviceArray(self.card, (max(len(self._read_slots) * size, n_slots),))
         self._queue = DeviceArray(self.card, (2,))
-        self._entries = DeviceArray(self.card, (size, self._lane_kernels.entry))
+        self._entries = DeviceArray(self.card, (1 + self._lane_kernels.inputs, size))
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()
@@ -108,18 +109,14 @@ class CudaLanes(KernelLanes):
         self.card.use()
         lanes = np.flatnonzero(fresh)
         count = lanes.size
-        width = self._entries.shape[1]
-        opened = self.opened(params, starts, lanes)
-        entries = self._entries.host(count * width).reshape(count, width)
-        places = np.cumsum([gpu_program.ENTRY_HEAD, opened.slots.shape[1]])
-        entries[:, 0] = lanes
-        entries[:, 1] = opened.keeps
-        entries[:, places[0] : places[1]] = opened.slots
-        entries[:, places[1] :] = opened.samples
+        entries = self._entries.host(self._entries.shape[0] * count).reshape(-1, count)
+        entries[0] = lanes
+        for place, column in enumerate(self._inputs(params, starts, lanes), start=1):
+            entries[place] = column
         self._entries.to_card(entries.size)
         self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
         self._under_way |= fresh
-        if self._uniform.differs(opened.slots[:, : self._lane_kernels.constants]):
+        if self._uniform.differs(entries[1:]):
             n_slots = self._lane_kernels.slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, int(lanes[0]), self._output)
             slots = self._output.from_card(n_slots)
@@ -131,6 +128,17 @@ class CudaLanes(KernelLanes):
             self.run = module.get_kernel("run")
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
+
+    def _inputs(
+        self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]
+    ) -> Iterator[np.ndarray]:
+        """The inputs (opened,) of the function that opens the trajectories of some lanes, in order."""
+        if self._lane_kernels.from_row:
+            for names, columns in zip(self.kernel.shapes, (params, starts), strict=True):
+                yield from (columns[name][lanes] for name in sorted(names))
+        else:
+            opened = self.opened(params, starts, lanes)
+            yield from (*opened.slots.T, *opened.samples.T, opened.keeps)
 
     def advance(self, polls: int) -> None:
         """Start to advance running lanes; `card.wait` waits for the end.
@@ -171,23 +179,28 @@ class UniformConstants:
     """Detects which constants of trajectories are equal in all rows.
 
     Args:
+        read: for each slot of the constants, the inputs that decide it.
         varying: slots that count as different from the start.
     """
 
-    def __init__(self, varying: frozenset[int] = frozenset()) -> None:
+    def __init__(self, read: Sequence[Sequence[int]], varying: frozenset[int] = frozenset()) -> None:
         self.varying = varying
+        self._read = read
         self._first: np.ndarray | None = None
 
-    def differs(self, constants: Float[np.ndarray, "rows slots"]) -> bool:
-        """Whether the constants (rows, slots) of new rows change the set of varying ones.
+    def differs(self, inputs: Float[np.ndarray, "inputs rows"]) -> bool:
+        """Whether the inputs (k, rows) of new rows change the set of varying constants.
 
         A late row can differ from all rows before it, so this is called for every row.
         """
-        bits = np.ascontiguousarray(constants).view(np.int64)
+        bits = inputs.view(np.int64)
         begun = self._first is not None
         if self._first is None:
-            self._first = bits[0].copy()
-        varying = self.varying | {int(slot) for slot in np.flatnonzero((bits != self._first).any(axis=0))}
+            self._first = bits[:, :1].copy()
+        different = {int(number) for number in np.flatnonzero((bits != self._first).any(axis=1))}
+        varying = self.varying | {
+            s for s, numbers in enumerate(self._read) if different.intersection(numbers)
+        }
         changed = varying != self.varying or not begun
         self.varying = varying
         return changed

@@ -19,9 +19,10 @@ from jaxtyping import Float
 
 from gaitsweep.engine.kernel import philox
 from gaitsweep.engine.kernel.chunk import Chunk
-from gaitsweep.engine.kernel.program import Kind
+from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.registers import depth_first, scheduled
 from gaitsweep.engine.kernel.source import C, c_function, c_structure, name_all, statements
+from gaitsweep.engine.kernel.trace import TracedFunction
 from gaitsweep.engine.recorders.recorder import POLL_INTERVAL
 from gaitsweep.status import Status
 
@@ -40,8 +41,6 @@ _POLL_PARAMETERS = {
 }
 # Statements of a poll after which a number of the record is read from memory again.
 REREAD_AFTER = 60
-# Numbers of an entry of `put` before its slots: the lane, and whether the first sample is kept.
-ENTRY_HEAD = 2
 _FORMATS: dict[Kind, type] = {"f64": np.float64, "int": np.float64, "f32": np.float32, "bool": np.bool_}
 
 # Definitions for the compiler of a card; tests compile the same source for a host with others.
@@ -69,11 +68,8 @@ KERNEL void clear(double* S, index n, double* queue) {{
 _PUT = """
 KERNEL void put(double* S, double* samples, index n, const double* entries, index count) {{
     if (THREAD >= count) return;
-    const double* entry = entries + THREAD * {width_of_entry};
-    const index i = (index)entry[0];
-    for (int slot = 0; slot < {opened}; ++slot) S[slot * n + i] = entry[{head} + slot];
-    if (entry[1] != 0.0)
-        for (int k = 0; k < {width}; ++k) samples[i * {width} + k] = entry[{head} + {opened} + k];
+    const index i = (index)entries[THREAD];
+    open(S, samples, n, i, entries + count + THREAD, count);
     prepare(S, n, i);
 }}
 """
@@ -131,8 +127,8 @@ KERNEL void run(double* S, double* samples, index n, double* queue, index polls,
 class LaneKernels(NamedTuple):
     """The kernels that fill lanes and that collect what the host reads.
 
-    `clear(S, n, queue)` makes all lanes idle. `put(S, samples, n, entries, count)` starts trajectories:
-    `entries` (count, `entry`) has for each its lane, whether its sample is kept, its slots and its sample.
+    `clear(S, n, queue)` makes all lanes idle. `put(S, samples, n, entries, count)` opens trajectories:
+    `entries` (1 + inputs, count) has their lanes, and the inputs of the function that opens them.
     `collect(S, n, queue, output)` copies the slots that the host reads to `output` (len, n) and empties the
     buffers. `trajectory(S, n, i, output)` copies all slots of lane i. `S` (slots, n) and `samples`
     (BUFFER, n, width) are the memory of n lanes; all numbers are float64.
@@ -140,14 +136,16 @@ class LaneKernels(NamedTuple):
     Attributes:
         source: their source.
         slots: the number of slots of a lane.
-        constants: the number of these, the first ones, that are a trajectory's constants.
-        entry: the number of numbers of an entry.
+        inputs: the number of inputs of the function that opens a trajectory.
+        from_row: whether these are a row's parameters and initial conditions; else they are its `OpenedRows`.
+        read: for each slot of a trajectory's constants, the inputs that decide it.
     """
 
     source: str
     slots: int
-    constants: int
-    entry: int
+    inputs: int
+    from_row: bool
+    read: Sequence[Sequence[int]]
 
 
 class RunKernel(NamedTuple):
@@ -167,13 +165,17 @@ class RunKernel(NamedTuple):
     uniform: Sequence[tuple[int, Kind]]
 
 
-def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> LaneKernels:
+def lane_kernels(
+    chunk: Chunk, opening: TracedFunction, read_slots: Sequence[int], title: str, *, from_row: bool
+) -> LaneKernels:
     """Write the kernels that fill lanes and that collect what the host reads.
 
     Args:
         chunk: the program.
+        opening: the function that opens a trajectory; its outputs are the numbers of one of the `OpenedRows`.
         read_slots: the slots that the host reads.
         title: names the run in the first line.
+        from_row: as of `LaneKernels`.
     """
     program = chunk.program
     nodes = list(chunk.steady.values())
@@ -185,18 +187,45 @@ def lane_kernels(chunk: Chunk, read_slots: Sequence[int], title: str) -> LaneKer
     head_of_prepare = "PART void prepare(double* S, const index n, const index i)"
     copies = [f"    output[{k} * n + i] = S[{slot} * n + i];" for k, slot in enumerate(read_slots)]
     status = chunk.record.status.first
-    # a trajectory is opened with all slots but those that are computed once from these
-    opened = chunk.n_slots - len(chunk.steady)
-    entry = ENTRY_HEAD + opened + chunk.width
     parts = [
-        *_beginning(chunk, title),
+        *_beginning([chunk.program, opening.program], title),
+        _opening(opening, chunk.width),
         c_function(head_of_prepare, [*loads, *lines, *stores]),
         _CLEAR.format(slots=chunk.n_slots, status=status, complete=float(Status.complete)),
-        _PUT.format(head=ENTRY_HEAD, width_of_entry=entry, opened=opened, width=chunk.width),
+        _PUT.format(),
         _COLLECT.format(lines="\n".join(copies), filled=chunk.record.filled.first),
         _TRAJECTORY.format(slots=chunk.n_slots),
     ]
-    return LaneKernels("\n".join(parts), chunk.n_slots, chunk.first_of_carry, entry)
+    numbers = {at: number for number, at in enumerate(opening.inputs)}
+    read = [
+        [numbers[at] for at in opening.program.needed([output]) if at in numbers]
+        for output in opening.outputs[: chunk.first_of_carry]
+    ]
+    return LaneKernels("\n".join(parts), chunk.n_slots, len(opening.inputs), from_row, read)
+
+
+def _opening(opening: TracedFunction, width: int) -> str:
+    """The function `open`, which opens the trajectory of a lane; its sample has `width` numbers."""
+    program = opening.program
+    names = {at: f"x{number}" for number, at in enumerate(opening.inputs)}
+    loads = [
+        C.definition(
+            program.nodes[at].kind, name, C.loaded(program.nodes[at].kind, f"inputs[{number} * count]")
+        )
+        for number, (at, name) in enumerate(names.items())
+    ]
+    lines, results = statements(C, program, opening.outputs, names)
+    stored = [
+        C.stored(program.nodes[at].kind, result) for at, result in zip(opening.outputs, results, strict=True)
+    ]
+    slots, sample = stored[: -1 - width], stored[-1 - width : -1]
+    lines += [f"S[{slot} * n + i] = {value};" for slot, value in enumerate(slots)]
+    lines.append(f"if (!({results[-1]})) return;")
+    lines += [f"samples[i * {width} + {k}] = {value};" for k, value in enumerate(sample)]
+    arguments = "double* S, double* samples, const index n, const index i"
+    return c_function(
+        f"PART void open({arguments}, const double* inputs, const index count)", [*loads, *lines]
+    )
 
 
 def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> RunKernel:
@@ -208,15 +237,15 @@ def run_kernel(chunk: Chunk, varying: Collection[int], title: str) -> RunKernel:
         title: names the run in the first line.
     """
     run = _RUN.format(interval=POLL_INTERVAL, status=chunk.record.status.first, halt=chunk.carry.halt.first)
-    source = "\n".join([*_beginning(chunk, title), *_Thread(chunk, varying).parts(), run])
+    source = "\n".join([*_beginning([chunk.program], title), *_Thread(chunk, varying).parts(), run])
     uniform = _uniform_nodes(chunk, varying).items()
     return RunKernel(source, [(slot, chunk.program.nodes[at].kind) for at, slot in uniform])
 
 
-def _beginning(chunk: Chunk, title: str) -> list[str]:
-    """The head of a source, with the functions that its program calls."""
+def _beginning(programs: Sequence[Program], title: str) -> list[str]:
+    """The head of a source, with the functions that its programs call."""
     parts = [f"// Written by gaitsweep: {title}", HEAD]
-    if any(node.op.startswith("philox") for node in chunk.program.nodes):
+    if any(node.op.startswith("philox") for program in programs for node in program.nodes):
         parts.append(philox.IN_C)
     return parts
 

@@ -18,6 +18,7 @@ from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.kernel.chunk import Chunk, Leaf, chunk_of
 from gaitsweep.engine.kernel.row_functions import UNOPTIMISED, over_rows
+from gaitsweep.engine.kernel.trace import TracedFunction, UnsupportedError, traced_function
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_traces import stored
@@ -169,6 +170,18 @@ class Kernel:
             UnsupportedError: the model uses an operation that the scalar kernel does not have.
         """
         return chunk_of(self.lane, *self.shapes)
+
+    def opening(self) -> tuple[TracedFunction, bool]:
+        """The function that opens a row of `shapes`, and true.
+
+        If the scalar kernel lacks an operation of it: a function that returns its arguments, the numbers of
+        `OpenedRows`, and false.
+        """
+        of_one = _opening_of_one(self.lane.open)
+        try:
+            return traced_function(of_one, self.shapes), True
+        except UnsupportedError:
+            return traced_function(lambda *opened: opened, jax.eval_shape(of_one, *self.shapes)), False
 
     def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
         """As `stored_traces.stored`, for this run."""

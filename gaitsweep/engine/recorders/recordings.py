@@ -75,10 +75,15 @@ class FixedTimeRecorder(Recorder):
         return rows.t / self.duration
 
 
-def end_values(rows: RowOutcome) -> Float[np.ndarray, "rows observables"]:
-    """The observables (n, k) of rows at their end; those of failed rows at their last crossing."""
-    values = rows.last.copy()
-    values[rows.place] = rows.samples
+def end_values(rows: RowOutcome, which: int | slice = slice(None)) -> Float[np.ndarray, "rows ..."]:
+    """The observables (n, k) of rows at their end; those of failed rows at their last crossing.
+
+    Args:
+        rows: the rows.
+        which: the place of one observable, whose values (n,) are returned; by default all.
+    """
+    values = rows.last[:, which].copy()
+    values[rows.place] = rows.samples[:, which]
     return values
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int, Real
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
-from gaitsweep.engine.sweep.blocks_of_rows import Block
+from gaitsweep.engine.sweep.blocks_of_rows import Block, as_slice
 from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -155,14 +155,15 @@ class LaneGroup:
             rows: their numbers (n,) in the block.
             lanes: their lanes (n,) in this group.
         """
-        self.block_of[lanes] = block.number
-        self.row_of[lanes] = rows
-        self._fresh[lanes] = True
+        to_lanes, from_rows = as_slice(lanes), as_slice(rows)
+        self.block_of[to_lanes] = block.number
+        self.row_of[to_lanes] = rows
+        self._fresh[to_lanes] = True
         for of_lanes, of_rows in ((self._params, block.params), (self._starts, block.starts)):
             if not of_lanes:  # idle lanes are computed as well, with the values of the first row
                 of_lanes |= {n: np.repeat(column[:1], self.size, axis=0) for n, column in of_rows.items()}
             for name, values in of_lanes.items():
-                values[lanes] = of_rows[name][rows]
+                values[to_lanes] = of_rows[name][from_rows]
 
     def reopen_all(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""
