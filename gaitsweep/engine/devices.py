@@ -9,17 +9,35 @@ threads, so that a computation there would never end.
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
+import pkgutil
 import resource
 import sys
-from typing import Any
+from importlib import metadata
+from typing import Any, NamedTuple
 
 import jax
 
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
 from gaitsweep.lazy_imports import after_jax
 
-Device = Any  # a jax.Device, which type checkers do not accept as a type
+Device = Any  # a jax.Device, which type checkers do not accept as a type, or a `KnownDevice`
+
+
+class KnownDevice(NamedTuple):
+    """A device that is known before JAX is imported, with the attributes of a jax.Device that runs need.
+
+    Attributes:
+        platform: "cpu" or "gpu".
+        device_kind: its kind, as JAX names it.
+        local_hardware_id: its place among the local devices.
+    """
+
+    platform: str
+    device_kind: str
+    local_hardware_id: int
+
 
 # Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
 MIN_VIRTUAL_MEMORY = 2_300_000_000
@@ -103,8 +121,65 @@ def _see_all_cores() -> None:
             jax.config.update("jax_num_cpu_devices", cores)
 
 
+# Beginnings of environment variables whose effect on the devices of JAX is known, or that have none.
+_KNOWN_SETTINGS = (
+    *("JAX_PLATFORMS", "JAX_DEFAULT_DEVICE", "JAX_ENABLE_X64", "JAX_LOG"),
+    *("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE"),
+)
+
+
+def _known_devices() -> list[KnownDevice] | None:
+    """The devices that JAX would have, where they are certain without its import, which takes time."""
+    settings = [name for name in os.environ if name.startswith(("JAX_", "XLA_"))]
+    if "jax" in sys.modules or not all(name.startswith(_KNOWN_SETTINGS) for name in settings):
+        return None
+    requested = os.environ.get("JAX_PLATFORMS", "").partition(",")[0]
+    others = set() if requested == "cpu" else _accelerators()
+    if not others and requested in ("", "cpu"):
+        return [KnownDevice("cpu", "cpu", number) for number in range(usable_cores())]
+    nvidia = {name for name in others if name.startswith("xla_cuda")}
+    if not nvidia or not (requested in ("cuda", "gpu") if requested else nvidia == others):
+        return None
+    try:
+        from cuda.core import Device as Card  # pyright: ignore[reportMissingImports]
+
+        return [KnownDevice("gpu", c.name, number) for number, c in enumerate(Card.get_all_devices())] or None
+    except Exception:  # its type depends on the package and its version; JAX then says what is missing
+        return None
+
+
+def _accelerators() -> set[str]:
+    """The names of the installed plugins with which JAX uses accelerators."""
+    names = {plugin.name for plugin in metadata.entry_points(group="jax_plugins")}
+    package = importlib.util.find_spec("jax_plugins")
+    folders = [] if package is None else package.submodule_search_locations
+    names |= {module.name for module in pkgutil.iter_modules(folders)}
+    if importlib.util.find_spec("libtpu") is not None:
+        names.add("libtpu")
+    return names
+
+
+def of_jax(device: Device) -> Device:
+    """The jax.Device of a device of `local_devices`.
+
+    Raises:
+        UnsupportedSystem: JAX lacks it.
+    """
+    if not isinstance(device, KnownDevice):
+        return device
+    devices = jax.local_devices()
+    if [d.platform for d in devices[device.local_hardware_id :][:1]] != [device.platform]:
+        raise UnsupportedSystem(
+            f"JAX does not find device {device.local_hardware_id} ({device.device_kind}) here. For an NVIDIA "
+            "GPU install 'gaitsweep[cuda]', or set JAX_PLATFORMS=cpu."
+        )
+    return devices[device.local_hardware_id]
+
+
 def local_devices(count: int | None = None) -> list[Device]:
     """The devices of a run: all local devices, or the first `count`; on a CPU one for each usable core.
+
+    JAX is not imported where they are known without it.
 
     Args:
         count: the number of devices, or None for all.
@@ -115,7 +190,7 @@ def local_devices(count: int | None = None) -> list[Device]:
     """
     refuse_fork()
     see_all_cores()
-    devices = jax.local_devices()
+    devices = _known_devices() or jax.local_devices()
     if count is not None and count > len(devices):
         available = "1 device" if len(devices) == 1 else f"{len(devices)} devices"
         raise ArgumentError(f"engine.devices is {count}, but JAX finds only {available} here.")
@@ -137,7 +212,7 @@ def refuse_missing_platform() -> None:
             f"running a model takes at least {MIN_VIRTUAL_MEMORY / 1e9:.1f} GB: raise the limit."
         )
     platforms = _requested_platforms()
-    if not platforms or platforms == "cpu":
+    if not platforms or platforms == "cpu" or _known_devices():
         return
     see_all_cores()
     try:

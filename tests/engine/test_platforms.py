@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import gaitsweep as gs
 from gaitsweep.engine import devices
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
+from gaitsweep.errors import UnsupportedSystem
 from tests.support.sweeping import devices_on, run_rows
 from toy_model import Toy, launches
 
@@ -73,6 +75,61 @@ def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest
         assert devices.host_device() is real[0]
     assert set(asked) == {"cpu"}
     assert devices_on("cpu", "kernel")[0].platform == "cpu"
+
+
+@pytest.mark.parametrize(
+    ("requested", "plugins", "platform"),
+    [
+        ("", set(), "cpu"),
+        ("cpu", {"xla_cuda13"}, "cpu"),
+        ("cpu,cuda", {"xla_cuda13"}, "cpu"),
+        ("", {"xla_cuda13"}, "gpu"),
+        ("cuda,cpu", {"xla_cuda13"}, "gpu"),
+        ("", {"xla_cuda13", "libtpu"}, None),
+        ("cuda", set(), None),
+        ("tpu", {"libtpu"}, None),
+    ],
+)
+def test_devices_before_jax_is_imported(
+    requested: str, plugins: set[str], platform: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """JAX is asked where its choice between several platforms is open, or a setting may change it."""
+    cards = [types.SimpleNamespace(name="NVIDIA H200")] * 2
+    cuda = types.SimpleNamespace(Device=types.SimpleNamespace(get_all_devices=lambda: cards))
+    for name in ("cuda", "cuda.core"):
+        monkeypatch.setitem(sys.modules, name, cuda)
+    for name in [name for name in os.environ if name.startswith(("JAX_", "XLA_"))]:
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(devices, "_accelerators", lambda: plugins)
+    monkeypatch.setenv("JAX_PLATFORMS", requested)
+    assert devices._known_devices() is None  # once JAX is imported, it is asked
+    monkeypatch.delitem(sys.modules, "jax")
+    found = devices._known_devices()
+    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=1")
+    assert devices._known_devices() is None
+    if platform is None:
+        assert found is None
+    else:
+        assert found is not None
+        kind, number = ("NVIDIA H200", 2) if platform == "gpu" else ("cpu", devices.usable_cores())
+        assert found == [(platform, kind, place) for place in range(number)]
+
+
+def test_devices_without_jax_are_those_of_jax() -> None:
+    code = (
+        "import sys; from gaitsweep.lazy_imports import lazy_packages\n"
+        "with lazy_packages(): from gaitsweep.engine.devices import local_devices, of_jax\n"
+        "known = local_devices(); assert 'jax' not in sys.modules; import jax\n"
+        "assert [of_jax(device) for device in known] == jax.local_devices() == local_devices()\n"
+        "assert [d.device_kind for d in known] == [d.device_kind for d in jax.local_devices()]\n"
+    )
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("JAX_", "XLA_"))}
+    subprocess.run([sys.executable, "-c", code], env={**clean, "JAX_PLATFORMS": "cpu"}, check=True)
+
+
+def test_a_device_that_jax_lacks_is_refused() -> None:
+    with pytest.raises(UnsupportedSystem, match=r"JAX does not find device 0 \(NVIDIA H200\)"):
+        devices.of_jax(devices.KnownDevice("gpu", "NVIDIA H200", 0))
 
 
 def _in_a_fork(call: Callable[[], object]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple, TypeAlias, final
 
 import jax
 import jax.numpy as jnp
@@ -138,7 +138,7 @@ def _started_by_xla(model: Model, dtype: str, drive: RowDrive | None) -> Callabl
 
 CACHE_LINE = 64  # bytes, also the size of the widest vector
 
-Shapes = Mapping[str, jax.ShapeDtypeStruct]
+Shapes: TypeAlias = "Mapping[str, jax.ShapeDtypeStruct]"
 
 
 class Kernel:
@@ -153,14 +153,18 @@ class Kernel:
         self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
     ) -> None:
         self.lane = OneLane(model, recorder, numerics, drive)
-        scalar = jax.ShapeDtypeStruct((), jnp.dtype(numerics.dtype))
-        values = {q.name: scalar for q in model.parameters}
-        starts = {q.name: scalar for q in model.initial_conditions} | {STEP_FACTOR: scalar}
-        self.shapes: tuple[Shapes, Shapes] = (values, starts)
         self.title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
         leaves, self.width = self.stored("leaves", self._read_leaves)
         self.leaves = {name: Leaf(first, tuple(shape)) for name, (first, shape) in leaves.items()}
         self.open = opened_by_kernel(self.lane)
+
+    @cached_property
+    def shapes(self) -> tuple[Shapes, Shapes]:
+        """The shapes of a row's parameters and of its initial conditions."""
+        scalar = jax.ShapeDtypeStruct((), jnp.dtype(self.lane.numerics.dtype))
+        values = {q.name: scalar for q in self.lane.model.parameters}
+        starts = {q.name: scalar for q in self.lane.model.initial_conditions} | {STEP_FACTOR: scalar}
+        return values, starts
 
     @cached_property
     def chunk(self) -> Chunk:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Shaped
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Flag, Integer, select
 from gaitsweep.engine.content import cached_by_content
-from gaitsweep.engine.devices import Device
+from gaitsweep.engine.devices import Device, of_jax
 from gaitsweep.engine.numerics import ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, LaneRecord, Recorder
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, RowDrive, Values
@@ -56,7 +56,7 @@ class XlaLanes(Lanes):
         self.size = spec.lanes
         self.at_a_time = spec.lanes
         self._dtype = np.dtype(spec.numerics.dtype)
-        self._device = device
+        self._device = of_jax(device)
         self._programs = _compiled(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._lanes: Any = None  # constants, carry, record and samples of all lanes, once filled
 
