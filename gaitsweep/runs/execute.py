@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from gaitsweep.engine.content import held_contents
-from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep import Timings
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.job import Job
@@ -23,7 +22,7 @@ from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.runs.concurrent_self_check import ConcurrentSelfCheck
 from gaitsweep.runs.executor import Executor, MissingBlocks, ThisProcess, compute_blocks
-from gaitsweep.runs.prepare import RunContext, naming_the_file, nominal_period, prepare
+from gaitsweep.runs.prepare import RunContext, in_memory, naming_the_file, nominal_period, prepare
 from gaitsweep.runs.progress import Progress, so_far, steps_per_second
 from gaitsweep.runs.provenance import continue_directory
 from gaitsweep.runs.refinement import Refinement
@@ -172,9 +171,7 @@ def table_in_memory(
     """
     if cluster is None and job.run.refined(job.design) is None:
         with held_contents():
-            context = prepare(job)
-            block = rows_of_a_block(job.engine.block, context.spec.n_rows, in_memory=True)
-            context = dataclasses.replace(context, spec=dataclasses.replace(context.spec, block=block))
+            context = in_memory(prepare(job))
             memory = MemoryTable(job.resolved(engine=context.engine), context.layout)
             checked = _run(context, memory, on_progress or (lambda *_, **__: None), on_message)
             _judge(context, checked, on_message, strict=False)

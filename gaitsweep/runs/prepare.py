@@ -22,6 +22,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import local_devices
 from gaitsweep.engine.kernel.row_functions import over_rows
 from gaitsweep.engine.numerics import ResolvedNumerics
+from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.engine_choice import EngineError, choose, default_lanes
 from gaitsweep.engine.sweep.lane import Values
 from gaitsweep.engine.sweep.sweep_spec import EngineName, SweepSpec
@@ -146,6 +147,20 @@ def prepare(job: Job) -> RunContext:
     if data_digest := rows.model.data_digest:
         job_hash = hashlib.sha256((job_hash + data_digest).encode()).hexdigest()
     return RunContext(job, rows, spec, note, job_hash, steps)
+
+
+def in_memory(context: RunContext) -> RunContext:
+    """Return the context of the same rows for a table in memory: longer blocks, and more lanes on a CPU.
+
+    More rows are then open at a time, which an interrupt of such a run loses anyway. No result depends on it.
+    """
+    engine, spec = context.job.engine, context.spec
+    lanes = spec.lanes
+    if engine.lanes is None and spec.engine == "kernel":
+        lanes = default_lanes(spec.engine, spec.n_rows, spec.devices[0].platform, in_memory=True)
+    block = rows_of_a_block(engine.block, spec.n_rows, in_memory=True)
+    longer = dataclasses.replace(spec, block=block, lanes=max(spec.lanes, lanes))
+    return dataclasses.replace(context, spec=longer)
 
 
 def row_values(

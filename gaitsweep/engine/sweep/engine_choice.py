@@ -106,7 +106,7 @@ def polls_per_chunk(spec: SweepSpec) -> int:
     return KERNEL_POLLS_PER_CHUNK[platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
 
 
-def default_lanes(engine: EngineName, n_rows: int, platform: str) -> int:
+def default_lanes(engine: EngineName, n_rows: int, platform: str, *, in_memory: bool = False) -> int:
     """The default number of lanes on each device.
 
     Enough that a device reaches its full rate (`python -m benchmarks.engines`). With fewer lanes than rows,
@@ -116,6 +116,7 @@ def default_lanes(engine: EngineName, n_rows: int, platform: str) -> int:
         engine: xla or kernel.
         n_rows: the number of rows.
         platform: the kind of device, such as cpu or gpu.
+        in_memory: whether the table is in memory, so that rows which are open are lost no more than others.
     """
     if platform != "cpu":
         fewest = 256
@@ -124,7 +125,7 @@ def default_lanes(engine: EngineName, n_rows: int, platform: str) -> int:
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
         fewest = 16
-        most = 512
+        most = 4096 if in_memory else 512
         rows_per_lane = 8.0
     else:
         fewest = 8
