@@ -22,6 +22,7 @@ from gaitsweep.engine.kernel import cuda_lanes, lanes, philox
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.program import Kind, Program
 from gaitsweep.engine.kernel.source import C, c_function, statements
+from gaitsweep.engine.kernel.trace import UnsupportedError, traced_function
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -160,6 +161,38 @@ def test_a_known_model_is_not_traced_for_a_card(
     traced = run()
     monkeypatch.setattr(lanes, "chunk_of", lambda *_: pytest.fail("the model is traced again"))
     same(traced, run())
+
+
+@pytest.mark.slow
+def test_rows_that_the_host_opens_are_those_that_the_card_opens(
+    on_card: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A card opens rows itself unless the kernel lacks an operation of a start; no bit depends on it."""
+
+    def run() -> Any:
+        params = {"kick": np.array([1.0, 1.0, 1.2, 1.0, 1.1])}
+        recorder = CrossingRecorder(Toy(), crossings=4)  # whose first sample is the start
+        return on_card(Toy(), recorder, {"launch_1": LAUNCH[:5]}, params=params, numerics=NUMERICS, lanes=2)
+
+    opened: list[bool] = []
+    lane_kernels = cuda_lanes.gpu_program.lane_kernels
+
+    def noted(*args: Any, **options: Any) -> Any:
+        opened.append(options["from_row"])
+        return lane_kernels(*args, **options)
+
+    def unsupported(function: Any, shapes: Any) -> Any:
+        if len(shapes) == 2:  # parameters and initial conditions
+            raise UnsupportedError("an operation")
+        return traced_function(function, shapes)
+
+    monkeypatch.setattr(cuda_lanes.gpu_program, "lane_kernels", noted)
+    monkeypatch.setattr(lanes.Kernel, "stored", lambda kernel, name, compute, *others: compute())
+    by_card = run()
+    cuda_lanes._lane_kernels.cache_clear()
+    monkeypatch.setattr(lanes, "traced_function", unsupported)
+    same(by_card, run())
+    assert [*dict.fromkeys(opened)] == [True, False]
 
 
 def test_a_thread_for_each_lane_that_runs(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
+from gaitsweep.engine.sweep.blocks_of_rows import as_slice
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.row_outcome import RowOutcome
 from tests.support.sweeping import run_rows, same
@@ -26,6 +27,11 @@ NUMERICS = Numerics(dt=1e-2)
 @pytest.fixture(scope="module")
 def whole() -> RowOutcome:
     return run_rows(Toy(), SettleRecorder(Toy()), {"launch_1": LAUNCH}, numerics=NUMERICS, lanes=4)
+
+
+@given(places=st.lists(st.integers(0, 9), max_size=4))
+def test_a_slice_has_the_places_that_it_replaces(places: list[int]) -> None:
+    assert np.arange(10)[as_slice(np.array(places, int))].tolist() == places
 
 
 @pytest.mark.slow

@@ -69,6 +69,8 @@ def test_each_status_has_one_verdict() -> None:
         np.testing.assert_array_equal(Status.FAILED.among(np.array(of_rows, kind)), [False, True, False])
     names = pd.Categorical([status.name for status in of_rows])
     np.testing.assert_array_equal(Status.FAILED.among(names), [False, True, False])
+    column = pd.Series(pd.Categorical(["fell", None, "settled"]))
+    np.testing.assert_array_equal(Status.FAILED.among(column), [True, False, False])
 
 
 def test_a_stepped_model_is_its_own_steps() -> None:

@@ -21,18 +21,20 @@ Outputs = Float[np.ndarray, "rows outputs"]
 
 
 class RowKernel(NamedTuple):
-    """A function of one row: the source for a tile of rows, and its numbers of inputs and of outputs."""
+    """A function of one row: the source for a tile of rows, the inputs that it reads, the number of outputs."""
 
     source: str
-    inputs: int
+    read: Sequence[int]
     outputs: int
 
 
 def row_kernel(traced: TracedFunction) -> RowKernel:
     """The kernel of a traced function of one row."""
     program = traced.program
-    inputs = traced.inputs
     outputs = traced.outputs
+    needed = set(program.needed(outputs))
+    read = [number for number, at in enumerate(traced.inputs) if at in needed]
+    inputs = [traced.inputs[number] for number in read]
     names = {at: f"x{i}" for i, at in enumerate(inputs)}
     lines, results = statements(PYTHON, program, outputs, names)
     loads = [
@@ -43,13 +45,13 @@ def row_kernel(traced: TracedFunction) -> RowKernel:
         for k, (at, result) in enumerate(zip(outputs, results, strict=True))
     ]
     body = "\n".join(f"    {line}" for line in [*loads, *lines, *stores])
-    return RowKernel(f"def of_tile(s):\n{body}\n", len(inputs), len(outputs))
+    return RowKernel(f"def of_tile(s):\n{body}\n", read, len(outputs))
 
 
 def running(kernel: RowKernel) -> Callable[[Columns, Outputs], None]:
     """The function `(columns, numbers)` of some rows: from a column for each input it sets their outputs."""
     source = kernel.source
-    inputs = kernel.inputs
+    inputs = len(kernel.read)
     size = inputs + kernel.outputs
     run = loaded_once(source, lambda: _module(source, size), ctypes.c_void_p, ctypes.c_int64)
 
@@ -57,7 +59,8 @@ def running(kernel: RowKernel) -> Callable[[Columns, Outputs], None]:
         rows = len(numbers)
         tiles = -(-rows // TILE)
         of_tiles = np.zeros((inputs, tiles * TILE))
-        of_tiles[:, :rows] = columns
+        for place, number in enumerate(kernel.read):
+            of_tiles[place, :rows] = columns[number]
         tiled = np.empty((tiles, size, TILE))
         tiled[:, :inputs] = of_tiles.reshape(inputs, tiles, TILE).transpose(1, 0, 2)
         run(tiled.ctypes.data, tiles)
