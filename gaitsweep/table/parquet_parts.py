@@ -116,8 +116,8 @@ def missing_blocks(numbers: Iterable[int], footers: Container[int]) -> list[int]
 
 def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows, in order, by status; the status of a row is that of its last record."""
-    rows = frame["row"].to_numpy()
-    last = frame["status"][np.append(rows[1:] != rows[:-1], np.ones(min(rows.size, 1), bool))]
+    last_of_row = np.flatnonzero(np.diff(frame["row"].to_numpy(), append=-1))
+    last = frame["status"].iloc[last_of_row]
     counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
     return dict(sorted(counts.items()))
 

@@ -21,7 +21,7 @@ Outputs = Float[np.ndarray, "rows outputs"]
 
 
 class RowKernel(NamedTuple):
-    """A function of one row: the source for a tile of rows, the inputs that it reads, the number of outputs."""
+    """A function of one row: the source for a tile of rows, the inputs it reads, the number of outputs."""
 
     source: str
     read: Sequence[int]
