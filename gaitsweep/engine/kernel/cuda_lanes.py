@@ -134,8 +134,8 @@ class CudaLanes(KernelLanes):
     ) -> Iterator[np.ndarray]:
         """The inputs (opened,) of the function that opens the trajectories of some lanes, in order."""
         if self._lane_kernels.from_row:
-            for names, columns in zip(self.kernel.shapes, (params, starts), strict=True):
-                yield from (columns[name][lanes] for name in sorted(names))
+            for names, columns in zip(self.kernel.names, (params, starts), strict=True):
+                yield from (columns[name][lanes] for name in names)
         else:
             opened = self.opened(params, starts, lanes)
             yield from (*opened.slots.T, *opened.samples.T, opened.keeps)

@@ -145,14 +145,17 @@ class Kernel:
     """The scalar program of a run, and the function that opens rows; equal only to itself.
 
     `chunk` is the program of the trajectory `lane`, traced when it is first read; `title` names the run in
-    the printed source. `shapes` are those of a row's parameters and of its initial conditions. `leaves` are
-    the numbers that the host reads after each chunk, `width` is that of a sample.
+    the printed source. `names` are those of a row's parameters and of its initial conditions, in the order of
+    JAX's trees, and `shapes` their shapes. `leaves` are the numbers that the host reads after each chunk,
+    `width` is that of a sample.
     """
 
     def __init__(
         self, model: Model, recorder: Recorder, numerics: ResolvedNumerics, drive: RowDrive | None
     ) -> None:
         self.lane = OneLane(model, recorder, numerics, drive)
+        starts = [STEP_FACTOR, *(q.name for q in model.initial_conditions)]
+        self.names = sorted(q.name for q in model.parameters), sorted(starts)
         self.title = f"{model.name}, {type(recorder).__name__}, {numerics.method}"
         leaves, self.width = self.stored("leaves", self._read_leaves)
         self.leaves = {name: Leaf(first, tuple(shape)) for name, (first, shape) in leaves.items()}
@@ -162,8 +165,7 @@ class Kernel:
     def shapes(self) -> tuple[Shapes, Shapes]:
         """The shapes of a row's parameters and of its initial conditions."""
         scalar = jax.ShapeDtypeStruct((), jnp.dtype(self.lane.numerics.dtype))
-        values = {q.name: scalar for q in self.lane.model.parameters}
-        starts = {q.name: scalar for q in self.lane.model.initial_conditions} | {STEP_FACTOR: scalar}
+        values, starts = (dict.fromkeys(names, scalar) for names in self.names)
         return values, starts
 
     @cached_property
