@@ -290,15 +290,14 @@ def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Map
             f"in {', '.join(differing)}. Give each table a column that tells them apart, such as "
             "table.assign(limits='long')."
         )
-    if len(starts) == sum(
-        map(len, starts_of)
-    ):  # else columns that are left out told the rows of a table apart
+    # where rows of one table are alike, a column that told them apart has been left out
+    if len(starts) == sum(map(len, starts_of)):
         first = starts.iloc[int(repeated.argmax())]
         values = [f"{name} = {first[name]}" for name in dict.fromkeys(itertools.chain(*map(axes_of, frames)))]
         raise ArgumentError(
             "Rows of these tables have the same parameters and start and would count twice"
-            f"{', such as ' * bool(values)}{', '.join(values)}: leave them out of one table, or give each table "
-            "a column that tells them apart, such as table.assign(run='first')."
+            f"{', such as ' * bool(values)}{', '.join(values)}: leave them out of one table, or give each "
+            "table a column that tells them apart, such as table.assign(run='first')."
         )
 
 

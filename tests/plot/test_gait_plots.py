@@ -227,7 +227,8 @@ def test_a_ramp_has_a_bar_for_each_pass() -> None:
     table = pd.concat([part.assign(**{"pass": np.repeat([0, 1, 2], 20)}) for part in parts])
     table.attrs |= {"job": {"run": {"parameter": "v_d"}}}
     axes = plot.draw("gait_ramp", table).axes[0]
-    bars = sorted((bar.get_y(), bar.get_y() + bar.get_height()) for bar in axes.patches)
+    boxes = [bar.get_bbox() for bar in axes.patches if isinstance(bar, Rectangle)]
+    bars = sorted((box.y0, box.y1) for box in boxes)
     assert len(bars) == 6
     assert all(end < begin for (_, end), (begin, _) in itertools.pairwise(bars))
     assert [text.get_text() for text in axes.texts if text.get_text() in "\u2190\u2192"] == [

@@ -138,9 +138,8 @@ def _pairs(
     table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
-    others = [
-        name for name in ("N", *Chain._fields, *profile_of(table)) if name not in ends and name in table
-    ]
+    of_law = ("N", *Chain._fields, *profile_of(table))
+    others = [name for name in of_law if name in table and name not in ends]
     for name in others:
         if len(table[name].unique()) > 1:
             all_ends = " and ".join(ends)
