@@ -258,7 +258,7 @@ class _StatesOfRows:
                     {name: column[leaving] for name, column in values.items()},
                     _observables(self._model, suspects.iloc[leaving]),
                     telling,
-                    period=int(np.max(suspects["period"].to_numpy(np.int64), initial=1)),
+                    suspects["period"].to_numpy(np.int64)[leaving],
                     smooth=fixed_step_scheme(self._numerics.method, self._model) is None,
                     share=share,
                 )
@@ -455,7 +455,7 @@ class _DisplacedStates:
         values: their parameters.
         observed: the observables of their records.
         telling: a mask of the signs of symmetry that not all crossings have.
-        period: the longest period of their orbits, in crossings.
+        period: the periods (n,) of their orbits, in crossings.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
         share: the displacement, as a share of `DISPLACEMENT`.
     """
@@ -468,8 +468,8 @@ class _DisplacedStates:
         values: Mapping[str, Float[np.ndarray, " points"]],
         observed: Float[np.ndarray, "points observables"],
         telling: Bool[np.ndarray, " signs"],
+        period: Int[np.ndarray, " points"],
         *,
-        period: int,
         smooth: bool,
         share: float,
     ) -> None:
@@ -484,7 +484,7 @@ class _DisplacedStates:
         self._smooth = smooth
         self._displacement = share * DISPLACEMENT
         self._reach = 1 if share == 1.0 else REACH
-        self._scattered_until = 0 if smooth else SCATTER_CROSSINGS * self._period
+        self._scattered_until = (0 if smooth else SCATTER_CROSSINGS) * period
         self._rests = np.zeros(n, bool)
         self._left = np.zeros(n, bool)
         self._left_at = np.full(n, LEFT)  # the distance from which on a state counts as left
@@ -503,7 +503,8 @@ class _DisplacedStates:
         followed = np.arange(n)  # the points that are not decided
         batch = _with_copies(self._points, self._displacement)
         distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
-        previous = self._points.at  # the coordinates a period of the orbit ago
+        previous = self._points.at.copy()  # the coordinates a period of each orbit ago
+        decided_from = np.maximum(self._period, self._scattered_until)
         displacements: deque[Float[np.ndarray, "directions points coordinates"]] = deque(maxlen=STILL_FOR + 1)
         while followed.size and (number := len(distances)) <= most:
             on_progress(number / most)
@@ -515,39 +516,54 @@ class _DisplacedStates:
             images = self._follow(batch, values, COPIES * n)
             batch = images.points
             at = batch.at.reshape(COPIES, followed.size, -1)
-            if number <= self._period:
-                observed = {name: column[:n] for name, column in images.observed.items()}
-                self._rests |= _on_the_gait(self._mapping.model, observed, self._observed, self._telling)
-            if number <= self._scattered_until and number % self._period == 0:
-                scatter = SCATTERED * self._mapping.distance(previous, at[0])
-                self._left_at = np.maximum(self._left_at, scatter)
-                previous = at[0]
+            period = self._period[followed]
+            if (number <= period).any():
+                observed = {name: column[: followed.size] for name, column in images.observed.items()}
+                rests = _on_the_gait(self._mapping.model, observed, self._observed[followed], self._telling)
+                self._rests[followed] |= rests & (number <= period)
+            again = number % period == 0  # at the place of the orbit where the state was first
+            scattered = np.flatnonzero(again & (number <= self._scattered_until[followed]))
+            some = followed[scattered]
+            scatter = SCATTERED * self._mapping.distance(previous[some], at[0][scattered])
+            self._left_at[some] = np.maximum(self._left_at[some], scatter)
+            previous[some] = at[0][scattered]
             self._record_ends(followed, images.sound.reshape(COPIES, followed.size))
             distance = distances[-1].copy()
             distance[:, followed] = _from_first(self._mapping, at)
             distance[self._ended] = 0.0
             distances.append(distance)
-            if number >= max(self._period, self._scattered_until):
-                self._left |= (distance > self._left_at).any(axis=0)
-                if self._reach > 1 and number % self._period == 0:
-                    gone = self._mapping.distance(self._points.at[followed], at[0])
-                    self._left[followed] |= gone > self._left_at[followed]
-                away = np.any(distance > RETURNED * distances[0], axis=0)
-                now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
-                now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
-                displacements.append(now)
-                if self._smooth and number >= STILL_AFTER:
-                    size = self._displacement * sizes(self._points.at)
-                    away &= ~_still(displacements, size, self._period)
-                undecided = np.flatnonzero((away & ~self._left)[followed])
-                batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
-                followed = followed[undecided]
+            decided = number >= decided_from
+            self._left |= decided & (distance > self._left_at).any(axis=0)
+            if self._reach > 1:
+                gone = self._mapping.distance(self._points.at[followed], at[0])
+                self._left[followed] |= decided[followed] & again & (gone > self._left_at[followed])
+            away = np.any(distance > RETURNED * distances[0], axis=0)
+            now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
+            now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
+            displacements.append(now)
+            if self._smooth and number >= STILL_AFTER:
+                size = self._displacement * sizes(self._points.at)
+                for of_orbit in np.unique(period):
+                    away &= (self._period != of_orbit) | ~_still(displacements, size, of_orbit)
+            undecided = np.flatnonzero((~decided | (away & ~self._left))[followed])
+            batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
+            followed = followed[undecided]
         if self._smooth:
-            halfway = distances[len(distances) // 2]
-            last = distances[-1]
-            grown = (last > GROWN * distances[0]) & (last > FASTER * halfway)
-            self._left |= grown.any(axis=0)
+            self._left |= self._grown(distances)
         return self._rests & self._left
+
+    def _grown(
+        self, distances: Sequence[Float[np.ndarray, "directions points"]]
+    ) -> Bool[np.ndarray, " points"]:
+        """Mask of points from which copies moved away, faster after half of their crossings.
+
+        Distances are compared at the same place of the orbit.
+        """
+        last, half = len(distances) - 1, len(distances) // 2
+        halfway = last - self._period * np.round((last - half) / self._period).astype(np.int64)
+        before = np.stack(distances)[np.maximum(halfway, 0), :, np.arange(self._period.size)].T
+        now = distances[-1]
+        return np.asarray(((now > GROWN * distances[0]) & (now > FASTER * before)).any(axis=0))
 
     def _record_ends(
         self, followed: Int[np.ndarray, " followed"], sound: Bool[np.ndarray, "copies followed"]

@@ -266,6 +266,9 @@ def test_heights_of_the_ground_are_those_of_rays_of_c() -> None:
     np.testing.assert_allclose(heights[~bends], 5.0 - np.array(rays)[~bends], rtol=0.0, atol=1e-12)
     model = of(planar(FLOOR + STEP))
     assert heights_of_model(model, {}, np.array([0.0, 0.5])) == pytest.approx([0.1, 0.0])
+    # which is not raised by the margin of contacts, on any surface
+    with_margin = of(planar((FLOOR + STEP).replace("<geom ", '<geom margin=".01" ')))
+    assert heights_of_model(with_margin, {}, np.array([0.0, 0.5])) == pytest.approx([0.1, 0.0])
     # without a floor, there is none beside the step
     over_void = heights_of_model(of(planar(STEP)), {}, np.array([0.0, 0.5]))
     np.testing.assert_array_equal(over_void, [0.1, np.nan])
