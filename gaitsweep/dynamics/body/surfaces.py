@@ -48,7 +48,8 @@ class Plane:
         if ground.kind == "even" or not self.is_level:
             return self.normal, self.normal @ (point - self.origin)
         height, slope = ground.height_and_slope(point[0])
-        return _above_tangent(point[2] - self.origin[2] - height, slope)
+        normal, above = _above_tangent(point[2] - (self.origin[2] - self.margin) - height, slope)
+        return normal, above - self.margin
 
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of a level plane at places x, y (m); NaN of an inclined one."""
