@@ -314,9 +314,12 @@ def test_a_worker_that_cannot_answer_ends_the_wait_for_busy_ones(monkeypatch: py
     workers.names = {"a": "left", "b": "right"}
     fails = SimpleNamespace(done=lambda: True, status="error", exception=lambda: OSError("no such module"))
     busy = SimpleNamespace(done=lambda: False, status="pending")
-    polls = iter(range(3))  # beyond which the wait would not end
-    reasons = workers._reasons({"a": fails, "b": busy}, lambda: next(polls))
-    assert reasons == {"a": "no such module"}
+    polls = iter(range(3))
+
+    def on_wait() -> None:
+        next(polls)  # ends a wait that is too long
+
+    assert workers._reasons({"a": fails, "b": busy}, on_wait) == {"a": "no such module"}
 
 
 def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(
