@@ -128,12 +128,17 @@ def rescale(
         size: by body, the factor of its lengths, a scalar or one for each axis (3,) of its frame.
 
     Raises:
-        ArgumentError: a body's inertia comes from its geoms, or is rotated.
+        ArgumentError: a body's inertia comes from its geoms, is rotated, or is a fullinertia.
     """
     for name in {**mass, **size}:
         body = spec.body(name)
-        if not body.explicitinertial or not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0]):
-            raise ArgumentError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
+        # until a body is compiled, its other orientations and a fullinertia are beside `iquat` and `inertia`
+        is_turned = body.ialt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT
+        is_turned |= not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0])
+        if not body.explicitinertial or is_turned or np.isfinite(body.fullinertia[0]):
+            raise ArgumentError(
+                f"Body '{name}' needs an inertial along its own axes, with diaginertia, to be rescaled."
+            )
         heavier = mass.get(name, 1.0)
         larger = size.get(name, 1.0) * np.ones(3)
         # the second moments of mass, of which the inertia is trace less moment, scale by axis
