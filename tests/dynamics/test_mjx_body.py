@@ -243,6 +243,16 @@ def test_rows_get_the_fields_of_their_own_values() -> None:
         compiled_variants().numbers(columns | {"front_mass": np.full(n, -1.0)})
 
 
+def test_a_value_that_is_usually_zero_may_vary() -> None:
+    xml = '<mujoco><worldbody><body name="b"><joint/><geom size="1"/></body></worldbody></mujoco>'
+
+    def lift(spec: Any, values: Any) -> None:
+        spec.body("b").pos = [0.0, 0.0, values["height"]]
+
+    fields = Variants(xml, lift, {"height": 0.0}).numbers({"height": np.array([0.0, 0.3])})
+    assert fields["body_pos"][:, 1, 2].tolist() == [0.0, 0.3]
+
+
 @pytest.mark.parametrize(
     "inertial",
     [
