@@ -505,6 +505,36 @@ def test_transient_growth_at_a_stable_gait_is_no_instability() -> None:
     assert result["unstable_first"] == {"row": 1, "a": 1.2}
 
 
+class Well(gs.DeclaredModel):
+    """A point between two wells, 0.2 mm apart."""
+
+    rate = gs.parameter("1/s", "rate", 0.5)
+    x = gs.variable("m", "place", 0.0, scale=1e-4)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.rate * (s.x - 1e8 * s.x**3), "clock": 1.0}
+
+    @gs.event("1 s is over", section=True)
+    def tick(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p: Any, s: Any) -> Any:
+        return s.replace(clock=s.clock - 1.0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.rate
+
+
+@pytest.mark.slow
+def test_states_are_displaced_by_the_scale_of_their_coordinates() -> None:
+    """Displaced by a share of 0.1 m, the state at 0 would come to the other wells within a share of it."""
+    result = judged(Well, gs.Settle(max_cycles=100), x_0=[0.0, 5e-5])
+    assert (result["unstable"], result["unstable_first"]) == (1, {"row": 0, "x_0": 0.0})
+    assert judged(Well, gs.Settle(max_cycles=100), x_0=[0.0, 5e-5], rate=-0.5)["unstable"] == 0
+
+
 @pytest.mark.parametrize(
     ("growth", "smooth", "share", "unstable"),
     [(1.5, False, 1.0, True), (0.5, False, 1.0, False), (0.5, True, unstable_rests.SMALLER, False)],
@@ -525,10 +555,12 @@ def test_orbits_of_other_periods_have_no_influence(
         return unstable_rests._Images(Points(image[:, None], points.modes), sound, {"x": image})
 
     starts = np.array([[0.0], [10.0]])
+    place = (gs.Quantity("x", "m", "place"),)
     mapping: Any = SimpleNamespace(
-        model=SimpleNamespace(observables=(gs.Quantity("x", "m", "place"),), original=None),
+        model=SimpleNamespace(observables=place, original=None),
+        coordinates=place,
         difference=np.subtract,
-        distance=lambda a, b: np.abs(a - b).max(axis=-1),
+        distance=lambda a, b, least: np.abs(a - b).max(axis=-1),
     )
     displaced = unstable_rests._DisplacedStates(
         mapping,
