@@ -41,8 +41,8 @@ def concat(*tables: Tables) -> pd.DataFrame:
     Raises:
         ArgumentError: models, run kinds, moved parameters or units differ; a table lacks `.attrs`, or an axis
             of the others, or any of their columns if none has a job; two tables have the same row of one job,
-            which would count twice; two settle from one start with other limits or numerics; they are of
-            atlases; an argument is no table, or there is none.
+            which would count twice, or two rows settle from one start; they are of atlases; an argument is no
+            table, or there is none.
 
     Example:
         >>> import gaitsweep as gs
@@ -258,12 +258,12 @@ def _require_columns(frames: Sequence[pd.DataFrame], *, axes_only: bool) -> None
 
 
 def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse rows of kind settle of the same parameters and start, whose jobs differ in limits or numerics.
+    """Refuse rows of kind settle of several tables that have the same parameters and start.
 
     A column of the user's own, such as a name of each table, tells such rows apart.
 
     Raises:
-        ArgumentError: with the fields that differ.
+        ArgumentError: with the limits and numerics that differ, or the values of such a row.
     """
     settings = [
         {f"{part}.{k}": v for part in _SETTINGS for k, v in (job.get(part) or {}).items()} for job in jobs
@@ -273,17 +273,31 @@ def _require_different_starts(frames: Sequence[pd.DataFrame], jobs: Sequence[Map
         for name in dict.fromkeys(itertools.chain(*settings))
         if len({repr(of.get(name)) for of in settings}) > 1
     ]
-    if not differing or settings[0].get("run.kind") != "settle":
+    # rows of one job are not repeated, even if it has drawn a start twice
+    if settings[0].get("run.kind") != "settle" or all(job == jobs[0] for job in jobs):
         return
     described = {name for frame in frames for name in frame.attrs.get("quantities") or {}}
     inputs = [[*axes_of(frame), *(name for name in frame if name not in described)] for frame in frames]
     names = [name for name in dict.fromkeys(itertools.chain(*inputs)) if name != "row"]
-    starts = pd.concat([frame.reindex(columns=names).drop_duplicates() for frame in frames])
-    if starts.duplicated().any():
+    starts_of = [frame.reindex(columns=names) for frame in frames]
+    starts = pd.concat([of_frame.drop_duplicates() for of_frame in starts_of])
+    repeated = starts.duplicated().to_numpy()
+    if not repeated.any():
+        return
+    if differing:
         raise ArgumentError(
             "Rows of these tables have the same parameters and start and would count twice: they differ only "
             f"in {', '.join(differing)}. Give each table a column that tells them apart, such as "
             "table.assign(limits='long')."
+        )
+    # where rows of one table are alike, a column that told them apart has been left out
+    if len(starts) == sum(map(len, starts_of)):
+        first = starts.iloc[int(repeated.argmax())]
+        values = [f"{name} = {first[name]}" for name in dict.fromkeys(itertools.chain(*map(axes_of, frames)))]
+        raise ArgumentError(
+            "Rows of these tables have the same parameters and start and would count twice"
+            f"{', such as ' * bool(values)}{', '.join(values)}: leave them out of one table, or give each "
+            "table a column that tells them apart, such as table.assign(run='first')."
         )
 
 

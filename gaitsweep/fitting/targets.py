@@ -165,7 +165,7 @@ def _target_names(tables: Sequence[pd.DataFrame], chosen: Sequence[str]) -> list
     if not target_names or not all(target_names):
         raise ArgumentError("This is not the table of a search: it has no columns miss_NAME of targets.")
     for names in target_names[1:]:
-        if names != target_names[0]:
+        if set(names) != set(target_names[0]):
             raise ArgumentError(
                 f"The searches have different targets: {', '.join(target_names[0])} and {', '.join(names)}."
             )

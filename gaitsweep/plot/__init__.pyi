@@ -19,6 +19,7 @@ from gaitsweep.plot.basin_maps.cells import cell_grid as cell_grid
 from gaitsweep.plot.basin_maps.cells import hatch_cells as hatch_cells
 from gaitsweep.plot.column_labels import axis_label as axis_label
 from gaitsweep.plot.column_labels import described as described
+from gaitsweep.plot.column_labels import digits_of as digits_of
 from gaitsweep.plot.column_labels import row_names as row_names
 from gaitsweep.plot.column_labels import written as written
 from gaitsweep.plot.columns import PlotError as PlotError

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.column_meanings import COLUMNS
@@ -144,15 +145,25 @@ def least_digits(table: pd.DataFrame, name: str) -> int:
 
 
 def digits_of(table: pd.DataFrame, name: str) -> int:
-    """The fewest digits, from `least_digits` on, that tell a column's values apart."""
+    """The fewest digits, from `least_digits` on, that tell a column's values apart; 10 at most.
+
+    If all values are whole, such as seeds, none is rounded.
+    """
     least = least_digits(table, name)
     numbers: Any = pd.to_numeric(pd.Series(table.get(name, [])), errors="coerce")
     numbers = np.asarray(numbers, np.float64)
     values = np.unique(numbers[np.isfinite(numbers)]) / (np.pi if is_angle(table, name) else 1.0)
     if values.size > _MOST_TOLD_APART:
         return least
+    if (values == np.round(values)).all():
+        least = next((n for n in range(least, _MOST_DIGITS) if _keep(values, n)), _MOST_DIGITS)
     texts = [{f"{value:.{digits}g}" for value in values} for digits in range(least, _MOST_DIGITS + 1)]
     return least + next(place for place, told in enumerate(texts) if len(told) == len(texts[-1]))
+
+
+def _keep(values: Float[np.ndarray, " values"], digits: int) -> bool:
+    """Whether values with so many digits are the values themselves."""
+    return all(float(f"{value:.{digits}g}") == value for value in values)
 
 
 def row_names(table: pd.DataFrame, without: Sequence[str] = ()) -> dict[Any, str]:

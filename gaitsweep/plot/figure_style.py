@@ -52,19 +52,22 @@ def _read_width(value: Any) -> str | float:
 
 
 def _read_colour(value: Any) -> str:
-    """Read a colour as its hexadecimal text."""
+    """Read an opaque colour as its hexadecimal text."""
     if isinstance(value, str) and _HEX.fullmatch(value):
         return value
     from matplotlib.colors import (  # only for colours that are given by name
         CSS4_COLORS,
         is_color_like,
         to_hex,
+        to_rgba,
     )
 
     if not isinstance(value, str) or not is_color_like(value):
         near = near_miss.nearest(value, CSS4_COLORS) if isinstance(value, str) else None
         text = "but must be a colour such as '#0072B2' (in quotes) or a name that Matplotlib knows"
         raise InvalidValue(f"is {quoted(value)}, {text}{f'; did you mean {near}?' if near else '.'}")
+    if to_rgba(value)[3] < 1.0:
+        raise InvalidValue(f"is {quoted(value)}, but must be an opaque colour such as '#0072B2' (in quotes).")
     return to_hex(value)
 
 

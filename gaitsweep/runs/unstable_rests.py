@@ -17,12 +17,12 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, Params, State
+from gaitsweep.contract import Model, Params, Quantity, State
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.maps import MIN_SCALE, Points, sizes
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
@@ -38,7 +38,8 @@ from gaitsweep.runs.self_check_result import changes
 ALIKE = 1e-9
 PARTS_OF_A_TURN = 24
 # A row rests where it began if it has moved by less than `UNMOVED` (of each observable's magnitude, at least
-# 1). A state does not rest if its next crossing differs by more than `SAME` from the stored one.
+# 1, or its `scale` if that is smaller). A state does not rest if its next crossing differs by more than
+# `SAME` from the stored one.
 UNMOVED = 1e-6
 SAME = 1e-3
 DISPLACEMENT = 1e-6  # of the scale of each coordinate
@@ -189,7 +190,8 @@ class _StatesOfRows:
     def _signs_by_the_section(self, probed: pd.DataFrame) -> Bool[np.ndarray, " signs"]:
         """Mask of the signs that displaced starts of the rows of records all have at their next crossing."""
         starts = self._starting_points(self._rows[probed["place"]])
-        displaced = _with_copies(starts, START_DISPLACEMENT)[len(starts) :]
+        size = START_DISPLACEMENT * sizes(starts.at, _least_scales(self._mapping))
+        displaced = _with_copies(starts, size)[len(starts) :]
         copies = {name: np.tile(column, DIRECTIONS) for name, column in self._values_at(probed).items()}
         images = self._follow(displaced, copies, len(displaced))
         observed = np.stack([images.observed[q.name] for q in self._model.observables], axis=1)
@@ -258,7 +260,7 @@ class _StatesOfRows:
                     {name: column[leaving] for name, column in values.items()},
                     _observables(self._model, suspects.iloc[leaving]),
                     telling,
-                    period=int(np.max(suspects["period"].to_numpy(np.int64), initial=1)),
+                    suspects["period"].to_numpy(np.int64)[leaving],
                     smooth=fixed_step_scheme(self._numerics.method, self._model) is None,
                     share=share,
                 )
@@ -297,7 +299,7 @@ def _observables(model: Model, records: pd.DataFrame) -> Float[np.ndarray, "reco
 def _changes_ahead(model: Model, records: pd.DataFrame) -> Float[np.ndarray, " records"]:
     """The change of each record to the next one of its row, relative to its size; 0 at the end of a row."""
     observed = _observables(model, records)
-    size = np.maximum(np.abs(observed[:-1]), 1.0)
+    size = np.maximum(np.abs(observed[:-1]), _units(model.observables))
     relative = np.nan_to_num(changes(model, observed[:-1], observed[1:]) / size, nan=0.0)
     row = records["row"].to_numpy()
     same_row = row[:-1] == row[1:]
@@ -364,8 +366,8 @@ def _near(
     other: Float[np.ndarray, "records observables"],
     share: float,
 ) -> Bool[np.ndarray, " records"]:
-    """Mask of records whose observables differ by less than a share of their magnitude, at least 1."""
-    near = changes(model, one, other) < share * np.maximum(np.abs(one), 1.0)
+    """Mask of records whose observables differ by less than a share of their magnitude, at least `_units`."""
+    near = changes(model, one, other) < share * np.maximum(np.abs(one), _units(model.observables))
     return np.asarray(np.all(near | (np.isnan(one) & np.isnan(other)), axis=1))
 
 
@@ -455,7 +457,7 @@ class _DisplacedStates:
         values: their parameters.
         observed: the observables of their records.
         telling: a mask of the signs of symmetry that not all crossings have.
-        period: the longest period of their orbits, in crossings.
+        period: the periods (n,) of their orbits, in crossings.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
         share: the displacement, as a share of `DISPLACEMENT`.
     """
@@ -468,8 +470,8 @@ class _DisplacedStates:
         values: Mapping[str, Float[np.ndarray, " points"]],
         observed: Float[np.ndarray, "points observables"],
         telling: Bool[np.ndarray, " signs"],
+        period: Int[np.ndarray, " points"],
         *,
-        period: int,
         smooth: bool,
         share: float,
     ) -> None:
@@ -482,9 +484,10 @@ class _DisplacedStates:
         self._telling = telling
         self._period = period
         self._smooth = smooth
-        self._displacement = share * DISPLACEMENT
+        self._least = _least_scales(mapping)
+        self._displacement = share * DISPLACEMENT * sizes(points.at, self._least)
         self._reach = 1 if share == 1.0 else REACH
-        self._scattered_until = 0 if smooth else SCATTER_CROSSINGS * self._period
+        self._scattered_until = (0 if smooth else SCATTER_CROSSINGS) * period
         self._rests = np.zeros(n, bool)
         self._left = np.zeros(n, bool)
         self._left_at = np.full(n, LEFT)  # the distance from which on a state counts as left
@@ -502,8 +505,9 @@ class _DisplacedStates:
         n, most = len(self._points), self._reach * MAX_CROSSINGS
         followed = np.arange(n)  # the points that are not decided
         batch = _with_copies(self._points, self._displacement)
-        distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
-        previous = self._points.at  # the coordinates a period of the orbit ago
+        distances = [self._from_first(batch.at.reshape(COPIES, n, -1))]
+        previous = self._points.at.copy()  # the coordinates a period of each orbit ago
+        decided_from = np.maximum(self._period, self._scattered_until)
         displacements: deque[Float[np.ndarray, "directions points coordinates"]] = deque(maxlen=STILL_FOR + 1)
         while followed.size and (number := len(distances)) <= most:
             on_progress(number / most)
@@ -515,39 +519,66 @@ class _DisplacedStates:
             images = self._follow(batch, values, COPIES * n)
             batch = images.points
             at = batch.at.reshape(COPIES, followed.size, -1)
-            if number <= self._period:
-                observed = {name: column[:n] for name, column in images.observed.items()}
-                self._rests |= _on_the_gait(self._mapping.model, observed, self._observed, self._telling)
-            if number <= self._scattered_until and number % self._period == 0:
-                scatter = SCATTERED * self._mapping.distance(previous, at[0])
-                self._left_at = np.maximum(self._left_at, scatter)
-                previous = at[0]
+            period = self._period[followed]
+            if (number <= period).any():
+                observed = {name: column[: followed.size] for name, column in images.observed.items()}
+                rests = _on_the_gait(self._mapping.model, observed, self._observed[followed], self._telling)
+                self._rests[followed] |= rests & (number <= period)
+            again = number % period == 0  # at the place of the orbit where the state was first
+            scattered = np.flatnonzero(again & (number <= self._scattered_until[followed]))
+            some = followed[scattered]
+            scatter = SCATTERED * self._distance(previous[some], at[0][scattered])
+            self._left_at[some] = np.maximum(self._left_at[some], scatter)
+            previous[some] = at[0][scattered]
             self._record_ends(followed, images.sound.reshape(COPIES, followed.size))
             distance = distances[-1].copy()
-            distance[:, followed] = _from_first(self._mapping, at)
+            distance[:, followed] = self._from_first(at)
             distance[self._ended] = 0.0
             distances.append(distance)
-            if number >= max(self._period, self._scattered_until):
-                self._left |= (distance > self._left_at).any(axis=0)
-                if self._reach > 1 and number % self._period == 0:
-                    gone = self._mapping.distance(self._points.at[followed], at[0])
-                    self._left[followed] |= gone > self._left_at[followed]
-                away = np.any(distance > RETURNED * distances[0], axis=0)
-                now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
-                now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
-                displacements.append(now)
-                if self._smooth and number >= STILL_AFTER:
-                    size = self._displacement * sizes(self._points.at)
-                    away &= ~_still(displacements, size, self._period)
-                undecided = np.flatnonzero((away & ~self._left)[followed])
-                batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
-                followed = followed[undecided]
+            decided = number >= decided_from
+            self._left |= decided & (distance > self._left_at).any(axis=0)
+            if self._reach > 1:
+                gone = self._distance(self._points.at[followed], at[0])
+                self._left[followed] |= decided[followed] & again & (gone > self._left_at[followed])
+            away = np.any(distance > RETURNED * distances[0], axis=0)
+            now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
+            now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
+            displacements.append(now)
+            if self._smooth and number >= STILL_AFTER:
+                for of_orbit in np.unique(period):
+                    is_still = _still(displacements, self._displacement, of_orbit)
+                    away &= (self._period != of_orbit) | ~is_still
+            undecided = np.flatnonzero((~decided | (away & ~self._left))[followed])
+            batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
+            followed = followed[undecided]
         if self._smooth:
-            halfway = distances[len(distances) // 2]
-            last = distances[-1]
-            grown = (last > GROWN * distances[0]) & (last > FASTER * halfway)
-            self._left |= grown.any(axis=0)
+            self._left |= self._grown(distances)
         return self._rests & self._left
+
+    def _grown(
+        self, distances: Sequence[Float[np.ndarray, "directions points"]]
+    ) -> Bool[np.ndarray, " points"]:
+        """Mask of points from which copies moved away, faster after half of their crossings.
+
+        Distances are compared at the same place of the orbit.
+        """
+        last, half = len(distances) - 1, len(distances) // 2
+        halfway = last - self._period * np.round((last - half) / self._period).astype(np.int64)
+        before = np.stack(distances)[np.maximum(halfway, 0), :, np.arange(self._period.size)].T
+        now = distances[-1]
+        return np.asarray(((now > GROWN * distances[0]) & (now > FASTER * before)).any(axis=0))
+
+    def _distance(
+        self, a: Float[np.ndarray, "*points coordinates"], b: Float[np.ndarray, "*points coordinates"]
+    ) -> Float[np.ndarray, " *points"]:
+        """The distances of points from others, relative to the scales of their coordinates."""
+        return self._mapping.distance(a, b, self._least)
+
+    def _from_first(
+        self, at: Float[np.ndarray, "copies points coordinates"]
+    ) -> Float[np.ndarray, "directions points"]:
+        """The distances of the displaced points from the points themselves, the first of the copies."""
+        return self._distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
 
     def _record_ends(
         self, followed: Int[np.ndarray, " followed"], sound: Bool[np.ndarray, "copies followed"]
@@ -558,11 +589,21 @@ class _DisplacedStates:
         self._ended[:, followed] = ended | ~sound[0] | ~sound[1:]
 
 
-def _with_copies(points: Points, displacement: float) -> Points:
-    """The points (n,), and then those displaced in each direction, by a share of each coordinate's scale."""
+def _units(quantities: Sequence[Quantity]) -> Float[np.ndarray, " quantities"]:
+    """The sizes (k,) below which quantities are not compared by their magnitude: 1, or a smaller `scale`."""
+    return np.array([1.0 if q.circular or q.scale is None else min(q.scale, 1.0) for q in quantities])
+
+
+def _least_scales(mapping: BatchedReturnMap) -> Float[np.ndarray, " coordinates"]:
+    """The least scales of the coordinates of a map, which are smaller if their `scale` is below 1."""
+    return MIN_SCALE * _units(mapping.coordinates)
+
+
+def _with_copies(points: Points, size: Float[np.ndarray, "points coordinates"]) -> Points:
+    """The points (n,), and then those displaced in each direction, by at most `size`."""
     shape = (DIRECTIONS, 1, points.at.shape[1])
     directions = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
-    displaced = points.at + displacement * sizes(points.at) * directions
+    displaced = points.at + size * directions
     copies = np.tile(np.arange(len(points)), COPIES)
     return Points(np.concatenate([points.at, *displaced]), points[copies].modes)
 
@@ -584,13 +625,6 @@ def _still(
         return np.zeros(len(size), bool)
     changes_of_one = np.max([np.abs(last - earlier) for earlier in before], axis=0) / size
     return np.asarray(np.all(changes_of_one < STILL, axis=(0, 2)))
-
-
-def _from_first(
-    mapping: BatchedReturnMap, at: Float[np.ndarray, "copies points coordinates"]
-) -> Float[np.ndarray, "directions points"]:
-    """The distances of the displaced points from the points themselves, the first of the copies."""
-    return mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
 
 
 def _on_the_gait(

@@ -313,6 +313,8 @@ def test_bad_arguments_are_refused(given_: dict, said: str) -> None:
 def test_wada_refusals(change: dict, said: str) -> None:
     with pytest.raises(AnalysisError, match=said):
         wada(grid_table((9, 9), lambda x, y: x < 2), **change)
+    with pytest.raises(AnalysisError, match="The table has no rows"):
+        wada(grid_table((9, 9), lambda x, y: x < 2).head(0))
     missing = grid_table((8, 8), lambda x, y: x < 3)
     missing.loc[3, "psi_1"] = np.nan
     with pytest.raises(AnalysisError, match="1 rows have no start along psi_1, psi_2"):

@@ -154,6 +154,20 @@ def test_ghosts_are_where_two_fixed_points_vanished(f: float, x: float) -> None:
     assert not len(ghosts(table, "delta_13", near=1e-5))
 
 
+@pytest.mark.parametrize(("unit", "slow"), [(1e-3, False), (1.0, True), (1e3, True), (1e3, False)])
+def test_ghosts_do_not_depend_on_the_unit(unit: float, slow: bool) -> None:
+    """X' = x + f + 0.3 x^2 between -1 and 1: its least change is slow if it is below a hundredth of 2."""
+    x = np.linspace(-1.0, 0.9, 100)
+    after = x + (0.01 if slow else 0.1) + 0.3 * x**2
+    values = unit * np.stack([x, after], axis=1).ravel()
+    row, crossing = np.repeat(np.arange(100), 2), np.tile([0, 1], 100)
+    table = pd.DataFrame({"row": row, "crossing": crossing, "height_n": values})
+    result = ghosts(table, "height")
+    assert (len(result) == 1) == slow
+    if slow:
+        assert result["value"].item() == pytest.approx(0.0, abs=0.02 * unit)
+
+
 @pytest.mark.slow
 def test_branches_over_the_parameter() -> None:
     values = np.round(np.linspace(-0.6, 0.6, 13), 3)

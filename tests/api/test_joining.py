@@ -64,6 +64,21 @@ def test_a_start_that_settles_within_two_limits_does_not_count_twice() -> None:
     assert gs.concat(few.assign(most=3), many.assign(most=100))["most"].tolist() == [3, 3, 100]
 
 
+def test_a_start_of_two_jobs_does_not_count_twice() -> None:
+    """Of sweeps that share the end of an axis, one has to leave it out."""
+    low, high = _table(["trot", "walk"]), _table(["walk", "run"])
+    high["x_0"] += 0.1
+    for table in (low, high):
+        table.attrs["job"]["vary"] = {"x_0": table["x_0"].tolist()}
+        table.attrs["quantities"] |= {key: {"unit": "1"} for key in ("x_0", "status", "gait")}
+    with pytest.raises(gs.ArgumentError, match=r"count twice, such as x_0 = 0\.1: leave them out"):
+        gs.concat(low, high)
+    assert gs.concat(low, high.loc[high["row"] == 1])["x_0"].tolist() == [0.0, 0.1, 0.2]
+    assert len(gs.concat(low.assign(run="first"), high.assign(run="second"))) == 4
+    # without the column, the rows of a table are not told apart, so neither are those of two
+    assert len(gs.concat(low.drop(columns="x_0"), high.drop(columns="x_0"))) == 4
+
+
 @pytest.mark.parametrize(
     ("other", "sentence"),
     [

@@ -243,8 +243,28 @@ def test_rows_get_the_fields_of_their_own_values() -> None:
         compiled_variants().numbers(columns | {"front_mass": np.full(n, -1.0)})
 
 
-def test_bodies_that_cannot_be_rescaled_are_refused() -> None:
+def test_a_value_that_is_usually_zero_may_vary() -> None:
     xml = '<mujoco><worldbody><body name="b"><joint/><geom size="1"/></body></worldbody></mujoco>'
+
+    def lift(spec: Any, values: Any) -> None:
+        spec.body("b").pos = [0.0, 0.0, values["height"]]
+
+    fields = Variants(xml, lift, {"height": 0.0}).numbers({"height": np.array([0.0, 0.3])})
+    assert fields["body_pos"][:, 1, 2].tolist() == [0.0, 0.3]
+
+
+@pytest.mark.parametrize(
+    "inertial",
+    [
+        "",
+        '<inertial pos="0 0 0" mass="1" fullinertia="1 2 2.5 0 0 0"/>',
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 2 2.5" euler="30 0 0"/>',
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 2 2.5" quat=".8 .6 0 0"/>',
+    ],
+)
+def test_bodies_that_cannot_be_rescaled_are_refused(inertial: str) -> None:
+    body = f'<body name="b">{inertial}<joint/><geom size="1"/></body>'
+    xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
     with pytest.raises(ValueError, match="Body 'b' needs an inertial"):
         Variants(xml, lambda spec, values: rescale(spec, {"b": values["m"]}, {}), {"m": 1.0})
 

@@ -17,7 +17,7 @@ import scipy
 
 import gaitsweep as gs
 from gaitsweep.dynamics.body.mechanics import Contact, LocatedBody
-from gaitsweep.dynamics.ground import heights_of_model, is_uneven
+from gaitsweep.dynamics.ground import Ground, heights_of_model, is_uneven
 from tests.support.planar_body import planar_body
 
 RADIUS, STIFFNESS, DAMPING, FRICTION, GRIP = 0.05, 2e4, 20.0, 0.4, 30.0
@@ -266,10 +266,30 @@ def test_heights_of_the_ground_are_those_of_rays_of_c() -> None:
     np.testing.assert_allclose(heights[~bends], 5.0 - np.array(rays)[~bends], rtol=0.0, atol=1e-12)
     model = of(planar(FLOOR + STEP))
     assert heights_of_model(model, {}, np.array([0.0, 0.5])) == pytest.approx([0.1, 0.0])
+    # which is not raised by the margin of contacts, on any surface
+    with_margin = of(planar((FLOOR + STEP).replace("<geom ", '<geom margin=".01" ')))
+    assert heights_of_model(with_margin, {}, np.array([0.0, 0.5])) == pytest.approx([0.1, 0.0])
     # without a floor, there is none beside the step
     over_void = heights_of_model(of(planar(STEP)), {}, np.array([0.0, 0.5]))
     np.testing.assert_array_equal(over_void, [0.1, np.nan])
     assert not is_uneven(of(planar(FLOOR)))
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.2])
+def test_a_slope_on_a_level_plane_is_an_inclined_plane(margin: float) -> None:
+    """The margin is a distance along the normal of both."""
+    stretches = []
+    for turned, ground in (
+        ("0 -20 0", Ground.of("even", {})),
+        ("0 0 0", Ground.of("slope", {"ground_slope": 20.0})),
+    ):
+        floor = f'<geom type="plane" size="5 5 1" euler="{turned}" margin="{margin}"/>'
+        m = mujoco.MjModel.from_xml_string(world(floor, f"<body><freejoint/>{BALL}</body>"))
+        body = LocatedBody(m)
+        values: Any = {quantity.name: quantity.default for quantity in body.parameters}
+        q = jnp.array([1.0, 0.0, 0.6, 1.0, 0.0, 0.0, 0.0])
+        stretches.append(body.depths_and_forces(values, q, jnp.zeros(6), ground)[0])
+    np.testing.assert_allclose(stretches[1], stretches[0], rtol=0.0, atol=1e-12)
 
 
 def test_a_height_field_in_x_and_y_is_that_of_c() -> None:

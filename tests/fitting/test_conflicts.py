@@ -39,6 +39,8 @@ def test_searches_are_pooled_and_a_larger_error_removes_the_conflict() -> None:
     assert result.sets == 5400
     assert result.together.loc["x", "y"] == 8  # the four diagonals of each circle
     assert result.most == ("x", "y")
+    in_another_order = circle(1800).reindex(columns=["miss_z", "miss_y", "miss_x", "row"])
+    assert conflicts([circle(), in_another_order]).together.loc["x", "z"] == pytest.approx(900, abs=4)
 
 
 def test_no_set_meets_a_target() -> None:

@@ -83,6 +83,8 @@ def test_values_of_a_column_are_told_apart() -> None:
     table = pd.DataFrame({"row": [0, 1], "seed": [10_000, 10_001], "q": [0.5 * np.pi, near], "gait": word})
     table.attrs["quantities"] = {"q": {"unit": "rad", "symbol": "q", "circular": True}}
     assert [written(table, "seed", value).split(" = ")[1] for value in table["seed"]] == ["10000", "10001"]
+    far = table.assign(seed=[12_345, 20_006])  # which are told apart by fewer digits than they have
+    assert [written(far, "seed", value).split(" = ")[1] for value in far["seed"]] == ["12345", "20006"]
     assert [written(table, "q", value) for value in table["q"]] == [
         rf"$q$ = $0.5{x}\,\pi$" for x in ("", "0001")
     ]

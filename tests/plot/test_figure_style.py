@@ -401,6 +401,8 @@ def test_figures_are_dark_on_white_whatever_the_notebook_s_style(look: dict[Any,
         ({"width": 5}, "width is 5, but must be column, page, or a number of mm from 50 to 500."),
         ({"format": "pgf"}, 'format[0] is "pgf"'),
         ({"colours": {"trot": "blu"}}, 'colours.trot is "blu", but must be a colour'),
+        ({"colours": {"trot": "none"}}, 'colours.trot is "none", but must be an opaque colour'),
+        ({"colours": {"trot": "#0072B280"}}, 'colours.trot is "#0072B280", but must be an opaque colour'),
         ({"colour": {}}, "colour is not a field of a style; did you mean colours?"),
     ],
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -65,6 +67,17 @@ def test_gaits_over_speed() -> None:
     assert len(panels.axes) == 1
     with pytest.raises(PlotError, match="did you mean sigma"):
         plot.draw("speed_gaits", table, y="sigm")
+
+
+def test_bands_of_near_values_have_names_of_their_own() -> None:
+    table = _ends().assign(k2=1000.0 + np.repeat([0.01, 0.02, 0.03], 7))
+    axes = plot.draw("speed_gaits", table, y="k2").axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["1000.01", "1000.02", "1000.03"]
+
+
+@pytest.mark.parametrize("rows", [0, 21])
+def test_panels_without_a_value_are_one(rows: int) -> None:
+    assert len(plot.draw("speed_gaits", _ends().assign(k2=np.nan).head(rows), panels="k2").axes) == 1
 
 
 def test_bands_of_texts() -> None:
@@ -205,3 +218,19 @@ def test_a_ramp() -> None:
         plot.draw("gait_ramp", crossings_of("trot"))
     with pytest.raises(PlotError, match="3 successive cycles"):
         plot.draw("gait_ramp", table.loc[table["t"] < table["t"].min() + 0.1])
+
+
+def test_a_ramp_has_a_bar_for_each_pass() -> None:
+    """Up, down and up again: the third pass is drawn, too, and bars of two rows are apart."""
+    way = np.concatenate([np.linspace(1.0, 2.0, 20), np.linspace(2.0, 1.0, 20), np.linspace(1.0, 2.0, 20)])
+    parts = [crossings_of("trot", row=row, n=60).assign(v_d=way) for row in (0, 1)]
+    table = pd.concat([part.assign(**{"pass": np.repeat([0, 1, 2], 20)}) for part in parts])
+    table.attrs |= {"job": {"run": {"parameter": "v_d"}}}
+    axes = plot.draw("gait_ramp", table).axes[0]
+    boxes = [bar.get_bbox() for bar in axes.patches if isinstance(bar, Rectangle)]
+    bars = sorted((box.y0, box.y1) for box in boxes)
+    assert len(bars) == 6
+    assert all(end < begin for (_, end), (begin, _) in itertools.pairwise(bars))
+    assert [text.get_text() for text in axes.texts if text.get_text() in "\u2190\u2192"] == [
+        *"\u2192\u2190\u2192"
+    ] * 2

@@ -47,6 +47,17 @@ def test_drift_law_needs_one_value_of_what_else_the_law_has() -> None:
     with pytest.raises(plot.PlotError, match="beta varies"):
         plot.drift_law(rows.assign(beta=np.linspace(0.7, 0.8, len(rows))))
     assert plot.drift_law(rows.assign(beta=0.8)).axes
+    assert plot.drift_law(rows.assign(beta=0.8).head(0)).axes
+    with pytest.raises(plot.PlotError, match="N varies"):  # a joined table
+        plot.drift_law(rows.assign(N=np.arange(len(rows)) % 2 + 3))
+
+
+def test_the_law_of_a_parameter_that_follows_an_end_has_its_value_for_each_pair() -> None:
+    rows = table()
+    rows.attrs["job"] = {"model": "multilegged", "params": {"a_1": "0.4 * m_end / 0.8"}}
+    (law,) = plot.drift_law(rows).axes[0].get_lines()
+    at_0_2 = worst_case_cycles(3, Chain(m_1=0.9, m_end=0.7, a_1=0.35))
+    assert np.asarray(law.get_ydata())[-1] == pytest.approx(float(at_0_2))
 
 
 def test_drift_law_of_any_ends_is_drawn_over_the_drift() -> None:

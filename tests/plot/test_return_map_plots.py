@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 
@@ -75,6 +76,20 @@ def test_branches_are_solid_where_stable_and_open_where_not() -> None:
     ]
     (places,) = (np.asarray(line.get_xdata()).tolist() for line in unstable)
     assert places == [f for f in values if abs(f) < FOLD]
+
+
+def test_lines_of_branches_of_lengths_are_not_interrupted() -> None:
+    """Fixed points at 200 f, in mm: neighbours are more than pi apart, but no angle wraps between them."""
+    x = np.linspace(-1.0, 1.0, 40)
+    at = [0.0, 0.1, 0.2, 0.3]
+    fixed = np.repeat(200.0 * np.array(at), 40)
+    before = fixed + np.tile(20.0 * x, 4)
+    height = np.stack([before, fixed + 0.5 * (before - fixed)], axis=1).ravel()
+    row, crossing = np.repeat(np.arange(160), 2), np.tile([0, 1], 160)
+    table = pd.DataFrame({"row": row, "f": np.repeat(at, 80), "crossing": crossing, "height_n": height})
+    axes = plot.draw("branches", table, y="height", x="f", bandwidth=5.0).axes[0]
+    (line,) = [line for line in axes.lines if line.get_linestyle() == "-"]
+    assert np.asarray(line.get_ydata()).tolist() == pytest.approx([0.0, 20.0, 40.0, 60.0], abs=0.1)
 
 
 def test_a_return_map_whose_points_lie_near_the_diagonal_is_drawn_as_the_change() -> None:

@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ import gaitsweep as gs
 from double_well import DoubleWell
 from gaitsweep.cli import main
 from gaitsweep.contract import Model
+from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.job import Job
 from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.plot.provenance_marks import remarks
@@ -501,6 +503,77 @@ def test_transient_growth_at_a_stable_gait_is_no_instability() -> None:
     result = judged(Shear, gs.Settle(max_cycles=60), a=[0.5, 1.2])
     assert (result["verdict"], result["unstable"]) == ("warned", 1)
     assert result["unstable_first"] == {"row": 1, "a": 1.2}
+
+
+class Well(gs.DeclaredModel):
+    """A point between two wells, 0.2 mm apart."""
+
+    rate = gs.parameter("1/s", "rate", 0.5)
+    x = gs.variable("m", "place", 0.0, scale=1e-4)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.rate * (s.x - 1e8 * s.x**3), "clock": 1.0}
+
+    @gs.event("1 s is over", section=True)
+    def tick(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p: Any, s: Any) -> Any:
+        return s.replace(clock=s.clock - 1.0)
+
+    def period(self, p: Any) -> Any:
+        return 1.0 + 0.0 * p.rate
+
+
+@pytest.mark.slow
+def test_states_are_displaced_by_the_scale_of_their_coordinates() -> None:
+    """Displaced by a share of 0.1 m, the state at 0 would come to the other wells within a share of it."""
+    result = judged(Well, gs.Settle(max_cycles=100), x_0=[0.0, 5e-5])
+    assert (result["unstable"], result["unstable_first"]) == (1, {"row": 0, "x_0": 0.0})
+    assert judged(Well, gs.Settle(max_cycles=100), x_0=[0.0, 5e-5], rate=-0.5)["unstable"] == 0
+
+
+@pytest.mark.parametrize(
+    ("growth", "smooth", "share", "unstable"),
+    [(1.5, False, 1.0, True), (0.5, False, 1.0, False), (0.5, True, unstable_rests.SMALLER, False)],
+)
+def test_orbits_of_other_periods_have_no_influence(
+    growth: float, smooth: bool, share: float, unstable: bool
+) -> None:
+    """An orbit of two crossings beside a stable one of three; deviations grow by a factor, up to 0.1."""
+
+    def follow(points: Points, values: Any, width: int) -> Any:
+        x = points.at[:, 0]
+        place = np.round(x)
+        beyond = x - place
+        after = np.where(place < 5.0, 1.0 - place, 10.0 + np.mod(place - 9.0, 3.0))
+        factor = np.where(place < 5.0, growth, 0.5)
+        image = after + np.clip(factor * beyond, -0.1, 0.1)
+        sound = np.ones(len(x), bool)
+        return unstable_rests._Images(Points(image[:, None], points.modes), sound, {"x": image})
+
+    starts = np.array([[0.0], [10.0]])
+    place = (gs.Quantity("x", "m", "place"),)
+    mapping: Any = SimpleNamespace(
+        model=SimpleNamespace(observables=place, original=None),
+        coordinates=place,
+        difference=np.subtract,
+        distance=lambda a, b, least: np.abs(a - b).max(axis=-1),
+    )
+    displaced = unstable_rests._DisplacedStates(
+        mapping,
+        follow,
+        Points(starts, ()),
+        {},
+        starts,
+        np.zeros(0, bool),
+        np.array([2, 3]),
+        smooth=smooth,
+        share=share,
+    )
+    assert displaced.follow(10**6, lambda share: None).tolist() == [unstable, False]
 
 
 class Limited(gs.DeclaredModel):

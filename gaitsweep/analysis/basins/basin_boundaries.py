@@ -17,7 +17,7 @@ from scipy import special
 
 from gaitsweep.analysis.basins.fractions import panels_and_axes
 from gaitsweep.analysis.basins.grid import BasinGrid, find_grid
-from gaitsweep.analysis.records import AnalysisError, outcome_labels, panels_of
+from gaitsweep.analysis.records import AnalysisError, outcome_labels, panels_of, require_rows
 
 # Cells along a side of the boxes of the basin entropy, as in Daza et al.: 25 starts in two dimensions.
 ENTROPY_BOX = 5
@@ -257,13 +257,15 @@ def wada(
         holds at this resolution if every `distance` is at most the radius.
 
     Raises:
-        AnalysisError: the table does not have a column, its starts form no grid, or `radius` is not above 0.
+        AnalysisError: the table has no rows or lacks a column, its starts form no grid, or `radius` is not
+            above 0.
 
     Source: Daza, Wagemakers and Sanjuan 2018, Sci. Rep. 8:9954.
     """
     if not radius > 0.0:
         raise AnalysisError(f"radius is {radius:g} steps, but must be above 0.")
     table, by, axes = panels_and_axes(table, by, axes)
+    require_rows(table)
     labels = outcome_labels(table, label)
     records: list[dict[str, object]] = []
     for panel, rows in panels_of(table, by):

@@ -34,6 +34,7 @@ BANDWIDTH = 0.05  # rad; half the width of the window of the local lines
 _SHARE = 0.05  # bandwidth of an observable that is not an angle, as a share of its range
 _NEIGHBOURS = 0.25  # rad; largest distance between points of one branch at neighbouring parameter values
 _NEAR_ON_A_LINE = 0.25  # the same for an observable that is not an angle, as a share of its range
+_SLOW_ON_A_LINE = 0.01  # largest drift of a ghost of such an observable, likewise
 
 By = str | Sequence[str] | None
 
@@ -145,13 +146,18 @@ def fixed_points(
 
 
 def ghosts(
-    table: pd.DataFrame, observable: str, by: By = None, bandwidth: float | None = None, near: float = NEAR
+    table: pd.DataFrame,
+    observable: str,
+    by: By = None,
+    bandwidth: float | None = None,
+    near: float | None = None,
 ) -> pd.DataFrame:
     """The ghosts: minima of the size of the drift near zero, left behind by a saddle-node bifurcation.
 
     Args:
         table, observable, by, bandwidth: as for `drift`.
-        near: the largest drift of a ghost, in the observable's unit a crossing.
+        near: the largest drift of a ghost, in the observable's unit a crossing; by default 0.01 rad for an
+            angle and a hundredth of the values' range for others.
 
     Returns:
         One record a ghost: by, value, drift (signed), drift_error (standard error).
@@ -159,8 +165,12 @@ def ghosts(
     Raises:
         AnalysisError: the table does not have a column, or `bandwidth` or `near` is not above 0.
     """
-    if not near > 0.0:
+    if near is not None and not near > 0.0:
         raise AnalysisError(f"near is {near:g}, but must be above 0.")
+    if near is None:
+        value = pairs(table, observable)["value"].to_numpy(float)
+        is_angle = is_circular(table, section_column(table, observable)) or not value.size
+        near = NEAR if is_angle else _SLOW_ON_A_LINE * float(np.ptp(value))
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):

@@ -22,12 +22,13 @@ from gaitsweep.dynamics.tree import Array, Scalar
 
 @dataclasses.dataclass(frozen=True)
 class Plane:
-    """A plane of the world, with its `normal` (3,) and a point `origin` (3,) m."""
+    """A plane of the world, with its `normal` (3,), and a point `origin` (3,) m that is `margin` m above."""
 
     description: ClassVar[str] = "a plane"
 
     normal: Float[np.ndarray, " 3"]
     origin: Float[np.ndarray, " 3"]
+    margin: float
 
     @property
     def is_level(self) -> bool:
@@ -47,11 +48,12 @@ class Plane:
         if ground.kind == "even" or not self.is_level:
             return self.normal, self.normal @ (point - self.origin)
         height, slope = ground.height_and_slope(point[0])
-        return _above_tangent(point[2] - self.origin[2] - height, slope)
+        normal, above = _above_tangent(point[2] - (self.origin[2] - self.margin) - height, slope)
+        return normal, above - self.margin
 
     def top(self, x: Array, y: Array) -> Array:
         """The height (m) of a level plane at places x, y (m); NaN of an inclined one."""
-        return jnp.full_like(x + y, self.origin[2] if self.is_level else jnp.nan)
+        return jnp.full_like(x + y, self.origin[2] - self.margin if self.is_level else jnp.nan)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -253,7 +255,7 @@ def surface_of(m: Any, data: Any, geom: int, margin: float) -> Surface:
     centre = np.array(data.geom_xpos[geom])
     axes = cleaned(data.geom_xmat[geom].reshape(3, 3))
     if m.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-        return Plane(axes[:, 2], centre + margin * axes[:, 2])
+        return Plane(axes[:, 2], centre + margin * axes[:, 2], margin)
     if m.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
         return Box(centre, axes, np.array(m.geom_size[geom]), margin)
     field = int(m.geom_dataid[geom])

@@ -32,7 +32,7 @@ _UNREAD = ("body_sameframe", "geom_sameframe", "site_sameframe", "body_simple", 
 # Prefixes of the names that `on_host` adds: fields of the model, and the values that they follow from.
 _FIELD = "mjx."
 _MADE_OF = "mjx of "
-_CHANGE = 1.1  # factor of a value by which the fields that depend on it are found
+_CHANGE = 0.1  # of a value, as a share of it, or of 1 for 0, by which the fields that depend on it are found
 
 Edit: TypeAlias = Callable[[Any, Mapping[str, float]], None]
 Fields: TypeAlias = dict[str, np.ndarray]
@@ -56,7 +56,8 @@ class Variants:
         self._usual = self._compiled(tuple(usual.values()))
         changing: set[str] = set()
         for name in usual:
-            fields = self._compiled(tuple({**usual, name: _CHANGE * usual[name]}.values()))
+            value = usual[name] * (1.0 + _CHANGE) or _CHANGE
+            fields = self._compiled(tuple({**usual, name: value}.values()))
             changing |= {
                 field for field, value in fields.items() if not np.array_equal(value, self._usual[field])
             }
@@ -128,12 +129,17 @@ def rescale(
         size: by body, the factor of its lengths, a scalar or one for each axis (3,) of its frame.
 
     Raises:
-        ArgumentError: a body's inertia comes from its geoms, or is rotated.
+        ArgumentError: a body's inertia comes from its geoms, is rotated, or is a fullinertia.
     """
     for name in {**mass, **size}:
         body = spec.body(name)
-        if not body.explicitinertial or not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0]):
-            raise ArgumentError(f"Body '{name}' needs an inertial along its own axes to be rescaled.")
+        # until a body is compiled, its other orientations and a fullinertia are beside `iquat` and `inertia`
+        is_turned = body.ialt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT
+        is_turned |= not np.array_equal(body.iquat, [1.0, 0.0, 0.0, 0.0])
+        if not body.explicitinertial or is_turned or np.isfinite(body.fullinertia[0]):
+            raise ArgumentError(
+                f"Body '{name}' needs an inertial along its own axes, with diaginertia, to be rescaled."
+            )
         heavier = mass.get(name, 1.0)
         larger = size.get(name, 1.0) * np.ones(3)
         # the second moments of mass, of which the inertia is trace less moment, scale by axis

@@ -15,7 +15,7 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Bandwidth, Observed, Title
 from gaitsweep.plot.bifurcations.continuation import STABLE, UNSTABLE
-from gaitsweep.plot.columns import column, is_angle, origin_of, require_columns, require_one_system
+from gaitsweep.plot.columns import column, origin_of, require_columns, require_one_system
 from gaitsweep.plot.kind import check_one_parameter, figure_kind
 
 _COLOUR = {True: STABLE, False: UNSTABLE}
@@ -51,27 +51,28 @@ def branches(
             theme.message(axes, "No map crosses the line of no change: none has a fixed point.")
             return figure
         value = points["value"].to_numpy(float)
-        place = unwrap_from(value, origin_of(table, name, value))
-        _draw(axes, points.assign(place=place), x)
+        origin = origin_of(table, name, value)
+        _draw(axes, points.assign(place=unwrap_from(value, origin)), x, angle=origin is not None)
         parameters = np.unique(table[x].dropna().to_numpy(float))
         without = parameters[~np.isin(parameters, points[x].to_numpy(float))]
         if len(without):
             look: dict[str, Any] = {"color": "#555555", "ms": 7, "clip_on": False}
             axes.plot(without, 0.0 * without, "|", transform=axes.get_xaxis_transform(), **look)
-        theme.value_axis(axes, angle=is_angle(table, name))
+        theme.value_axis(axes, angle=origin is not None)
         theme.legend(figure, _key(points, without=len(without) > 0), ncols=2)
     return figure
 
 
-def _draw(axes: Axes, points: pd.DataFrame, x: str) -> None:
-    """Draw the line of each branch, interrupted where an angle wraps, and its points with their errors."""
+def _draw(axes: Axes, points: pd.DataFrame, x: str, *, angle: bool) -> None:
+    """Draw the line of each branch, interrupted where an `angle` wraps, and its points with their errors."""
     for _, branch in points.groupby("branch", sort=True):
         stable = bool(branch["stable"].iloc[0])
         colour = _COLOUR[stable]
         branch = branch.sort_values(x, kind="stable")
         at, place = branch[x].to_numpy(float), branch["place"].to_numpy(float)
         line: dict[str, Any] = {"color": colour, "lw": 1.2, "ls": "-" if stable else (0, (4, 2)), "zorder": 2}
-        axes.plot(*theme.interrupted(np.abs(np.diff(place)) > np.pi, at, place), **line)
+        over_the_cut = (np.abs(np.diff(place)) > np.pi) & angle
+        axes.plot(*theme.interrupted(over_the_cut, at, place), **line)
         error = 2.0 * branch["value_error"].to_numpy(float)
         face = colour if stable else "white"
         marks: dict[str, Any] = {"fmt": "o", "ms": 4.5, "mew": 1.1, "mfc": face, "zorder": 3}

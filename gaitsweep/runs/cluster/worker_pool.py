@@ -184,8 +184,8 @@ class WorkerPool:
                     continue
                 del asked[address]
                 reason = None
+                answers += future.status in ("finished", "error")
                 if future.status == "finished":
-                    answers += 1
                     reason = future.result()
                 elif future.status == "error":
                     reason = future.exception()

@@ -18,7 +18,7 @@ import pytest
 
 import gaitsweep as gs
 import toy_model
-from gaitsweep.runs.cluster import connection, dispatch, task
+from gaitsweep.runs.cluster import connection, dispatch, task, worker_pool
 from gaitsweep.runs.cluster.connection import UserClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
 from gaitsweep.runs.cluster.task import WorkerUnfit, difference
@@ -304,6 +304,22 @@ def test_a_silent_scheduler_is_reported_and_leaves_no_threads(
     assert all(
         re.fullmatch(rf"The scheduler {where} does not answer \(.*\): waiting for it\.", t) for t in messages
     )
+
+
+def test_a_worker_that_cannot_answer_ends_the_wait_for_busy_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_pool, "_EXAMINATION", 0.0)
+    cluster: Any = SimpleNamespace(alive=True)
+    workers = WorkerPool(cluster, lambda sentence: None)
+    monkeypatch.setattr(workers, "update", lambda: None)
+    workers.names = {"a": "left", "b": "right"}
+    fails = SimpleNamespace(done=lambda: True, status="error", exception=lambda: OSError("no such module"))
+    busy = SimpleNamespace(done=lambda: False, status="pending")
+    polls = iter(range(3))
+
+    def on_wait() -> None:
+        next(polls)  # ends a wait that is too long
+
+    assert workers._reasons({"a": fails, "b": busy}, on_wait) == {"a": "no such module"}
 
 
 def test_a_worker_hangs_that_ends_no_block_and_not_one_whose_blocks_wait(

@@ -138,17 +138,17 @@ def _pairs(
     table: pd.DataFrame, settled: pd.DataFrame, ends: list[str], hue: str, *, by_mass: bool
 ) -> pd.DataFrame:
     """Per drifting pair of ends and gait: median and largest cycles, asymmetry, cycles of the law."""
-    others = [name for name in (*Chain._fields, *profile_of(table)) if name not in ends]
+    of_law = ("N", *Chain._fields, *profile_of(table))
+    others = [name for name in of_law if name in table and name not in ends]
     for name in others:
-        if name in table and len(table[name].unique()) > 1:
+        if len(table[name].unique()) > 1:
             all_ends = " and ".join(ends)
             raise PlotError(f"{name} varies, but the law needs one value of all but the ends' {all_ends}.")
     springs = springs_of(table)
-    chain = chain_of(table)
     groups = settled.groupby([*ends, settled[hue].astype(str)])["cycles"].agg(["median", "max"])
     pairs = groups.reset_index()
-    values_of_ends = pairs[ends].to_numpy(float)
-    chains = [chain._replace(**dict(zip(ends, values, strict=True))) for values in values_of_ends]
+    sets = pairs[ends].assign(**{name: table[name].min() for name in others})  # of one value
+    chains = [chain_of(table, sets.iloc[[place]]) for place in range(len(sets))]
     pairs["law"] = [float(worst_case_cycles(springs, chain_of_pair)) for chain_of_pair in chains]
     drifts = np.round([abs(float(drift(chain_of_pair))) for chain_of_pair in chains], 9)
     pairs["asymmetry"] = np.abs(pairs[ends[1]] - pairs[ends[0]]).round(9) if by_mass else drifts

@@ -40,6 +40,7 @@ from gaitsweep.plot import (
     Word,
     column,
     described,
+    digits_of,
     figure_kind,
     moved_parameter,
     require_columns,
@@ -53,7 +54,8 @@ from gaitsweep.status import Status
 Windows = Float[np.ndarray, " windows"]
 Areas = Mapping[str, dict[str, Any]]
 
-_BAR = 0.36
+_BAR, _BETWEEN_BARS = 0.36, 0.44  # height of a bar and distance of two, in rows of two passes
+_LEAST_PASSES = 2  # for whose bars a row has room
 _LABEL_ROOM = 1.4  # inches; of rows' names beside the bars
 _LETTER_WIDTH = 0.065  # inches; width of a letter of a gait's name
 
@@ -79,7 +81,7 @@ def gait_ramp(
     cycles: Annotated[Count, "number of cycles for one reading of the gait"] = 3,
     title: Title = None,
 ) -> Figure:
-    """Two bars for each row, the rising pass above the falling one, with the gait in each window.
+    """A bar for each pass of each row, the first one above the others, with the gait in each window.
 
     Rows are named by the swept quantities that differ between those of a panel. A measured speed goes to and
     fro a little from cycle to cycle; windows stand at its nearest monotone course (isotonic regression).
@@ -95,7 +97,7 @@ def gait_ramp(
         raise PlotError("No parameter moves in the table's job: use a ramp, or a trace with run.parameter.")
     if panels is not None:
         column(table, panels)
-    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    values = _values(table, panels)
     along = gaits_along(table, cycles=cycles)
     if x == "speed" and "speed" not in along.columns:
         raise PlotError("x is speed, but the table has neither speed_n nor the signal x: use another x.")
@@ -107,16 +109,24 @@ def gait_ramp(
     rows = [np.unique(part["row"].to_numpy(int)) for part in parts]
     heights = [max(len(rows_of_panel), 1) for rows_of_panel in rows]
     areas = areas_of(along["gait"].astype(str))
-    with theme.canvas(theme.PAGE, 0.42 * sum(heights) + 0.35 * len(parts) + 0.9, title) as figure:
+    passes = max(int(along["pass"].max()) + 1, _LEAST_PASSES)
+    height = 0.42 * sum(heights) * passes / _LEAST_PASSES
+    with theme.canvas(theme.PAGE, height + 0.35 * len(parts) + 0.9, title) as figure:
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        grid[0].set_xlim(along[horizontal].min(), along[horizontal].max())
+        if np.ptp(along[horizontal]) > 0.0:
+            grid[0].set_xlim(along[horizontal].min(), along[horizontal].max())
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
-            _panel(axes, along, list(names.items()), parameter, horizontal, areas)
+            _panel(axes, along, list(names.items()), passes, parameter, horizontal, areas)
         grid[-1].set_xlabel("measured speed (m/s)" if x == "speed" else described(table, parameter))
         theme.legend(figure, _key(areas), ncols=6)
     return figure
+
+
+def _values(table: pd.DataFrame, panels: str | None) -> list[Any]:
+    """The value of each panel; None for a single one of all rows, also where no row has a value."""
+    return [None] if panels is None else sorted(table[panels].dropna().unique()) or [None]
 
 
 def _key(areas: Areas) -> list[Patch]:
@@ -152,22 +162,25 @@ def _panel(
     axes: Axes,
     along: pd.DataFrame,
     rows: Sequence[tuple[Any, str]],
+    passes: int,
     parameter: str,
     horizontal: str,
     areas: Areas,
 ) -> None:
-    """The bars of named rows over the column `horizontal`, and the direction of each pass."""
+    """The bars of named rows over the column `horizontal`, and the direction of each of their passes."""
     style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
+    share = _LEAST_PASSES / passes
     for place, (row, _) in enumerate(rows):
-        for down in (0, 1):
-            part = along.loc[(along["row"] == row) & (along["pass"] == down)]
-            height = place + (0.22 if down else -0.22)
+        for number in range(passes):
+            part = along.loc[(along["row"] == row) & (along["pass"] == number)]
+            height = place + share * _BETWEEN_BARS * (number - 0.5 * (passes - 1))
             falls = len(part) > 1 and part[parameter].iloc[-1] < part[parameter].iloc[0]
             at = part[horizontal].to_numpy(float)
             if horizontal == "speed" and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
-            _bar(axes, at, part["t"].to_numpy(float), part["gait"].astype(str).tolist(), height, areas)
-            if len(part):
+            gaits = part["gait"].astype(str).tolist()
+            _bar(axes, at, part["t"].to_numpy(float), gaits, (height, share * _BAR), areas)
+            if len(part) > 1:
                 arrow = "\u2190" if falls else "\u2192"
                 side = axes.get_yaxis_transform()
                 axes.annotate(arrow, (0.0, height), (-3, 0), side, "offset points", **style)
@@ -177,10 +190,12 @@ def _panel(
     axes.spines["left"].set_visible(False)
 
 
-def _bar(axes: Axes, at: Windows, t: Windows, gaits: Sequence[str], height: float, areas: Areas) -> None:
+def _bar(
+    axes: Axes, at: Windows, t: Windows, gaits: Sequence[str], place: tuple[float, float], areas: Areas
+) -> None:
     """One pass: its windows reach half way to their neighbours, but not over missing windows.
 
-    A gait has its name where its bar has room for it.
+    A gait has its name where its bar has room for it. `place` is the middle of the bar, and its height.
     """
     if len(at) < 2:
         return
@@ -196,7 +211,8 @@ def _bar(axes: Axes, at: Windows, t: Windows, gaits: Sequence[str], height: floa
     firsts = [0, *(np.flatnonzero(turns) + 1).tolist(), len(at)]
     for first, last in itertools.pairwise(firsts):
         low, colour = begins[first], areas[gaits[first]]["facecolor"]
-        bar = axes.barh(height, ends[last - 1] - low, _BAR, left=low, **areas[gaits[first]])
+        middle_of_bar, height = place
+        bar = axes.barh(middle_of_bar, ends[last - 1] - low, height, left=low, **areas[gaits[first]])
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
             style: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
             style["path_effects"] = [withStroke(linewidth=2.5, foreground=colour)]  # read over a hatch
@@ -240,7 +256,7 @@ def speed_gaits(
     present = [gait for gait in theme.ordered(ORDER) if gait in set(shown["gait"])]
     by_gait = y == "gait"
     bands: list[Any] = present if by_gait else sorted(table[y].dropna().unique())
-    values = [None] if panels is None else sorted(table[panels].dropna().unique())
+    values = _values(table, panels)
     band_height = 0.23 if len(bands) > 12 else 0.26
     height = band_height * max(len(bands), 3) + 0.9
     legend_height = 0.0 if by_gait else 0.35
@@ -256,8 +272,10 @@ def speed_gaits(
                 theme.message(axes, "no row with a gait" if len(table) else "no rows yet")
         for axes in grid[-across:]:
             axes.set_xlabel(described(table, speed, 60 // across))
+        numbers = f".{digits_of(table, y)}g"
         names = [
-            label_of(band) if isinstance(band, str) else f"{band:.4g}".replace("-", "−") for band in bands
+            label_of(band) if isinstance(band, str) else f"{band:{numbers}}".replace("-", "−")
+            for band in bands
         ]
         grid[0].set_yticks(range(len(bands)), names)
         grid[0].set_ylim(-0.6, len(bands) - 0.4)
