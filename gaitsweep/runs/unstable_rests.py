@@ -22,7 +22,7 @@ from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.poincare.maps import Points, sizes
+from gaitsweep.engine.poincare.maps import Map, Points
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
@@ -189,7 +189,7 @@ class _StatesOfRows:
     def _signs_by_the_section(self, probed: pd.DataFrame) -> Bool[np.ndarray, " signs"]:
         """Mask of the signs that displaced starts of the rows of records all have at their next crossing."""
         starts = self._starting_points(self._rows[probed["place"]])
-        displaced = _with_copies(starts, START_DISPLACEMENT)[len(starts) :]
+        displaced = _with_copies(self._mapping, starts, START_DISPLACEMENT)[len(starts) :]
         copies = {name: np.tile(column, DIRECTIONS) for name, column in self._values_at(probed).items()}
         images = self._follow(displaced, copies, len(displaced))
         observed = np.stack([images.observed[q.name] for q in self._model.observables], axis=1)
@@ -501,7 +501,7 @@ class _DisplacedStates:
         budget *= self._reach
         n, most = len(self._points), self._reach * MAX_CROSSINGS
         followed = np.arange(n)  # the points that are not decided
-        batch = _with_copies(self._points, self._displacement)
+        batch = _with_copies(self._mapping, self._points, self._displacement)
         distances = [_from_first(self._mapping, batch.at.reshape(COPIES, n, -1))]
         previous = self._points.at  # the coordinates a period of the orbit ago
         displacements: deque[Float[np.ndarray, "directions points coordinates"]] = deque(maxlen=STILL_FOR + 1)
@@ -537,7 +537,7 @@ class _DisplacedStates:
                 now[:, followed] = self._mapping.difference(at[1:], np.broadcast_to(at[0], at[1:].shape))
                 displacements.append(now)
                 if self._smooth and number >= STILL_AFTER:
-                    size = self._displacement * sizes(self._points.at)
+                    size = self._displacement * self._mapping.sizes(self._points.at)
                     away &= ~_still(displacements, size, self._period)
                 undecided = np.flatnonzero((away & ~self._left)[followed])
                 batch = batch[(np.arange(COPIES)[:, None] * followed.size + undecided).ravel()]
@@ -558,11 +558,11 @@ class _DisplacedStates:
         self._ended[:, followed] = ended | ~sound[0] | ~sound[1:]
 
 
-def _with_copies(points: Points, displacement: float) -> Points:
+def _with_copies(mapping: Map, points: Points, displacement: float) -> Points:
     """The points (n,), and then those displaced in each direction, by a share of each coordinate's scale."""
     shape = (DIRECTIONS, 1, points.at.shape[1])
     directions = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
-    displaced = points.at + displacement * sizes(points.at) * directions
+    displaced = points.at + displacement * mapping.sizes(points.at) * directions
     copies = np.tile(np.arange(len(points)), COPIES)
     return Points(np.concatenate([points.at, *displaced]), points[copies].modes)
 

@@ -97,31 +97,36 @@ def specials(table: pd.DataFrame, kind: str, parameter: str) -> np.ndarray:
 
 
 class Small(gs.MapModel):
-    """The logistic map of a length in units of 10 um."""
+    """The logistic map of a length in units of 10 nm."""
 
     r = gs.parameter("1", "rate", 3.2)
-    x = gs.variable("m", "length", 0.3e-5)
+    x = gs.variable("m", "length", 0.3e-8)
 
     def image(self, p, s):
-        return {"x": p.r * s.x * (1.0 - s.x / 1e-5)}
+        return {"x": p.r * s.x * (1.0 - s.x / 1e-8)}
 
 
 @pytest.mark.slow
-def test_a_start_ends_on_one_gait_whatever_the_unit() -> None:
+def test_gaits_and_branches_do_not_depend_on_the_unit() -> None:
+    """At the flip a displacement becomes x -> -x + 9 (x / 10 nm)^3."""
     found = gs.atlas(
         Small(),
         parameter="r",
-        path=(3.1, 3.3),
+        path=(2.9, 3.3),
         at=3.2,
-        ranges={"x_0": (0.05e-5, 0.95e-5)},
+        ranges={"x_0": (0.05e-8, 0.95e-8)},
         budget=64,
         periods=2,
-        depth=0,
+        depth=1,
         verify=0,
     )
     gaits = found.gaits.sort_values("period", kind="stable")
     assert gaits["period"].tolist() == [1, 1, 2]
     assert gaits["reached"].tolist() == [0.0, 0.0, 1.0]
+    assert found.points["special"].tolist() == ["flip"]
+    assert found.points["r"].item() == pytest.approx(3.0, abs=1e-9)
+    assert found.points["coefficient"].item() == pytest.approx(9.0 * (0.1 / 1e-8) ** 2, rel=1e-4)
+    assert set(found.branches["number"]) == {0, 1, 2}
 
 
 def test_orbits_of_the_henon_map() -> None:
