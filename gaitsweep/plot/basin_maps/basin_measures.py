@@ -53,7 +53,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text
-    if figure.hue == "attractor" and table.run.kind == "fixed_time":
+    if figure.hue == "attractor" and table.run.kind_name == "fixed_time":
         text = "is attractor, but a run of kind fixed_time does not test whether rows settle: use settle."
         yield ("hue",), text
 
