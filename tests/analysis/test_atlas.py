@@ -17,7 +17,9 @@ from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.branch import point_of, text_of
 from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
+from gaitsweep.analysis.continuation import bifurcation_curves
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Map, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -392,6 +394,23 @@ def test_a_circle_and_its_resonances() -> None:
         assert circle["end"].iloc[-1] == "resonance_1_2"
         assert np.all(np.diff(circle["c"]) > 0.0)
         assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_a_leap_does_not_pass_the_meeting_of_a_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind an angle of pi the curve leads back along itself."""
+
+    def point(angle: float) -> Any:
+        return SimpleNamespace(tangent=np.ones(1), unknowns=np.array([angle]))
+
+    def step(equations: Any, before: Any, length: float) -> Any:
+        yield from ()
+        return point(before.unknowns[0] + length)
+
+    monkeypatch.setattr(bifurcation_curves, "step", step)
+    pair = SimpleNamespace(kind="neimark_sacker")
+    for begin, ends in ((3.13, None), (3.0, 3.05)):
+        leap = alone(bifurcation_curves._leap(pair, point(begin), 0.8))
+        assert (leap if leap is None else leap.unknowns[0]) == ends
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from gaitsweep.analysis.continuation.floquet_multipliers import (
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices
 from gaitsweep.engine.poincare.maps import MIN_SCALE, MapEvaluation, Points, Values
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
+from gaitsweep.errors import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,12 +64,17 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
         mapping: the map of the flow's stationary points.
         at: the Hopf point.
         values: the parameters there.
+
+    Raises:
+        ArgumentError: no two eigenvalues of the flow are complex there.
     """
     values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     hopf_point = values_at, at.at[0], at[0].modes
     J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
     eigenvalues = np.linalg.eigvals(J)
     upper = eigenvalues[np.imag(eigenvalues) > 0.0]
+    if not upper.size:
+        raise ArgumentError("The point is no Hopf point: all eigenvalues of the flow are real there.")
     eigenvalue, q, p = critical_eigenvectors(J, complex(upper[np.argmin(np.abs(np.real(upper)))]))
     a, b, frequency = np.real(q), np.imag(q), eigenvalue.imag
 
