@@ -407,7 +407,7 @@ def test_a_leap_does_not_pass_the_meeting_of_a_pair(monkeypatch: pytest.MonkeyPa
         return point(before.unknowns[0] + length)
 
     monkeypatch.setattr(bifurcation_curves, "step", step)
-    pair = SimpleNamespace(kind="neimark_sacker")
+    pair: Any = SimpleNamespace(kind="neimark_sacker")
     for begin, ends in ((3.13, None), (3.0, 3.05)):
         leap = alone(bifurcation_curves._leap(pair, point(begin), 0.8))
         assert (leap if leap is None else leap.unknowns[0]) == ends

@@ -167,11 +167,8 @@ def followed(
     while len(curve) < steps.most:
         steps.on_progress([len(curve)], [len(curve) / steps.most])
         after = yield from step(equations, before, length)
-        if (
-            after is None
-            or after.tangent @ before.tangent < STRAIGHT
-            or _steps_over(equations, before, after)
-        ):
+        straight = after is not None and after.tangent @ before.tangent >= STRAIGHT
+        if after is None or not straight or _steps_over(equations, before, after):
             length *= 0.5
             if length >= steps.shortest:
                 continue
