@@ -318,7 +318,10 @@ def _solved(
 def _broyden_update(
     squares: Unknowns, step: Unknowns, miss: Unknowns
 ) -> Float[np.ndarray, "branches unknowns unknowns"]:
-    """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them."""
+    """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them.
+
+    `squares` (n, m) are those of the inverse scales of the unknowns.
+    """
     row = squares * step
     row /= np.sum(row * step, axis=1)[:, None]
     return miss[:, :, None] * row[:, None, :]
