@@ -58,6 +58,11 @@ def require_numbers(table: pd.DataFrame, *names: str) -> None:
             raise AnalysisError(f"The values of {name} are not numbers: name another column.")
 
 
+def is_true(table: pd.DataFrame, name: str) -> Bool[np.ndarray, " records"]:
+    """Mask of the records (n,) in which a column of flags is true; one without a value is not."""
+    return table[name].eq(True).fillna(False).to_numpy(bool)
+
+
 def require_rows(table: pd.DataFrame) -> None:
     """Raise AnalysisError for a table without rows."""
     if table.empty:

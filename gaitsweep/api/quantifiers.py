@@ -39,8 +39,8 @@ def quantifiers(
     Args:
         table: a settle table over starts and the parameter.
         parameter: the column of the parameter.
-        label: the column of the outcomes; `attractor` matches the attractors along the parameter
-            (`analyses.follow_attractors`) if the table does not have it.
+        label: the column of the outcomes; `attractor` groups the settled states, matched along the parameter,
+            if the table does not have it.
         within: a time (s), for the share of starts that settle to the attractor until then.
         level: confidence level of the intervals.
         scales: unit of each axis of starts in the distance of shocks and the size of deviations, where axes

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitsweep.cli.show import aligned, counts, duration
+from gaitsweep.fitting.free_parameters import number_of_sets
 from gaitsweep.fitting.identifiability import NEAR_BEST_FACTOR
 from gaitsweep.fitting.search import SearchResult
 from gaitsweep.fitting.search_cost import SearchEstimate
@@ -46,22 +47,21 @@ def search_estimate(needs: SearchEstimate) -> str:
 def search_outcome(result: SearchResult) -> str:
     """Format the result of a search: sets by status, the best one, its targets, and each constant's range."""
     by_status = ", ".join(f"{status.among(result.table).sum()} {status}" for status in SetStatus)
-    lines = [f"{_sets(len(result.table))}: {by_status}."]
+    lines = [f"{number_of_sets(len(result.table))}: {by_status}."]
     if result.path is not None:
         lines.append(f"Table: {result.path / 'table'}")
     near = result.identifiability
     if not len(near.best):
         counts_of_reasons = result.table["why"].value_counts().head(_REASONS)
-        reasons = [f"  {_sets(count)}: {reason}" for reason, count in counts_of_reasons.items()]
+        reasons = [f"  {number_of_sets(count)}: {reason}" for reason, count in counts_of_reasons.items()]
         return "\n".join([*lines, "No set has a value for every target. Most frequent reasons:", *reasons])
     best: dict[str, Any] = near.best.iloc[0].to_dict()
     lines.append(
         f"Best set: row {best['row']}, score {best['score']:.4g} (root mean square miss in reading errors)."
     )
     if near.fitting:
-        lines.append(
-            f"{_sets(near.fitting)} meet{'s' * (near.fitting == 1)} all targets within their reading errors:"
-        )
+        meet = f"meet{'s' * (near.fitting == 1)} all targets within their reading errors:"
+        lines.append(f"{number_of_sets(near.fitting)} {meet}")
     else:
         lines.append(
             "No set meets all targets within their reading errors. The near-best sets, with scores up to "
@@ -75,11 +75,6 @@ def search_outcome(result: SearchResult) -> str:
     lines.append(_targets(result, best))
     lines += [f"Figure: {figure}" for figure in result.figures]
     return "\n".join(lines)
-
-
-def _sets(number: int) -> str:
-    """Format a number of sets."""
-    return f"{number} set{'s' * (number != 1)}"
 
 
 def _targets(result: SearchResult, best: Mapping[Any, Any]) -> str:
@@ -119,7 +114,7 @@ def sensitivity_outcome(result: Sensitivity) -> str:
     """Format sets by status, and the indices of each output, the most important parameter first."""
     status = result.table["status"].astype(str).value_counts()
     by_status = {str(name): int(number) for name, number in status.items() if number}
-    lines = [f"{_sets(len(result.table))}: {counts(by_status)}."]
+    lines = [f"{number_of_sets(len(result.table))}: {counts(by_status)}."]
     for output, indices in result.indices.groupby("output", sort=False):
         lines += ["", *_of_output(str(output), indices)]
     if result.half_step is not None and not result.half_step.many:  # else it was a warning

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gaitsweep.errors import ArgumentError
-from gaitsweep.fitting.free_parameters import FreeParameter
+from gaitsweep.fitting.free_parameters import FreeParameter, number_of_sets
 from gaitsweep.fitting.identifiability import PARTS, Constant, Identifiability
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import FAILED_MISS, MISS
@@ -130,12 +130,13 @@ def _score_axis(axes: Axes, scores: Float[np.ndarray, " scores"]) -> None:
 def _constants(free: Mapping[str, FreeParameter], table: pd.DataFrame, near: Identifiability) -> Figure:
     """Draw the least score over each constant's range, and the values of the near-best sets."""
     rows, columns = theme.shape(len(free), theme.PAGE, 1.5, 4)
-    fits = f"{near.fitting} sets fit all targets" if near.fitting else f"{len(near.best)} near-best sets"
+    fitting = f"{number_of_sets(near.fitting)} that fit{'s' * (near.fitting == 1)} all targets"
+    fits = fitting if near.fitting else number_of_sets(len(near.best), "near-best set")
     title = f"Blue: least score in each twentieth of a range. Orange: {fits}."
     with theme.canvas(theme.PAGE, 0.6 + 1.6 * rows, title) as figure:
         panels = theme.panels(figure, (rows, columns), len(free), sharey=True)
         for axes, constant in zip(panels, near.constants, strict=True):
-            _profile(axes, free[constant.name], constant, near.best)
+            _profile(axes, free[constant.name].ordered, constant, near.best)
             width = theme.width_of(theme.PAGE) / columns - 0.3
             axes.set_xlabel(theme.wrapped(described(table, constant.name), width, 8.5))
         for axes in panels[::columns]:

@@ -24,6 +24,11 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def number_of_sets(number: int, kind: str = "set") -> str:
+    """Format a number of sets, or of some `kind` of sets."""
+    return f"{number} {kind}{'s' * (number != 1)}"
+
+
 class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema of jobs
     """A free constant: within a range, or one of some choices."""
 
@@ -59,6 +64,13 @@ class FreeParameter(StrictModel, title="Free"):  # its name in the JSON schema o
         if self.whole and math.floor(self.high) <= math.ceil(self.low):
             raise wrong_value(f"has fewer than two whole numbers from {self.low:g} to {self.high:g}.")
         return self
+
+    @property
+    def ordered(self) -> FreeParameter:
+        """The same constant, with its choices in ascending order if all are numbers."""
+        if self.choices is None or not all(map(is_number, self.choices)):
+            return self
+        return self.model_copy(update={"choices": sorted(self.choices)})
 
     @property
     def _choice_array(self) -> Shaped[np.ndarray, " choices"]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.fitting.free_parameters import FreeParameter, is_number
+from gaitsweep.fitting.free_parameters import FreeParameter, is_number, number_of_sets
 from gaitsweep.fitting.search_job import Search
 from gaitsweep.fitting.targets import MISS
 from gaitsweep.status import SetStatus
@@ -79,7 +79,8 @@ class Identifiability:
 
     def __repr__(self) -> str:
         """Format it, a line for each constant."""
-        sets = f"{self.fitting} sets fit" if self.fitting else f"no set fits; {len(self.best)} near-best ones"
+        fit = f"{number_of_sets(self.fitting)} fit{'s' * (self.fitting == 1)}"
+        sets = fit if self.fitting else f"no set fits; {number_of_sets(len(self.best), 'near-best one')}"
         lines = [f"Identifiability: {sets}"]
         if len(self.best):
             for constant in self.constants:
@@ -123,7 +124,7 @@ def identifiability(table: pd.DataFrame, search: Search) -> Identifiability:
 
 def _constant(name: str, free: FreeParameter, complete: pd.DataFrame, near_best: pd.DataFrame) -> Constant:
     """Return the identifiability of a constant from the complete and the near-best sets, sorted by score."""
-    values = near_best[name].tolist()
+    values, free = near_best[name].tolist(), free.ordered
     written = free.written(values)
     shares = free.share(written)
     spread, choices = float(np.ptp(shares)), ()

@@ -31,7 +31,7 @@ from gaitsweep.contract import Model
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.figures import draw_search, search_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
-from gaitsweep.fitting.free_parameters import Sets, sets_at
+from gaitsweep.fitting.free_parameters import Sets, number_of_sets, sets_at
 from gaitsweep.fitting.identifiability import Identifiability, identifiability
 from gaitsweep.fitting.measure import Measured, MeasuredByName, reasons_of_sets
 from gaitsweep.fitting.optimisers import Optimiser, optimiser
@@ -137,7 +137,8 @@ class SearchResult:
         score = "none complete" if best is None else f"least score {best:.4g}"
         place = "in memory" if self.path is None else f"in {self.path}"
         fitting = self.identifiability.fitting
-        return f"SearchResult({len(self.table)} sets: {score}, {fitting} fit all targets; {place})"
+        fit = f"{fitting} fit{'s' * (fitting == 1)} all targets"
+        return f"SearchResult({number_of_sets(len(self.table))}: {score}, {fit}; {place})"
 
     def figure(self, name: str) -> Figure:
         """Draw a figure of the search.

@@ -20,7 +20,7 @@ from gaitsweep.engine.sweep.blocks_of_rows import rows_of_a_block
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
 from gaitsweep.fitting.figures import sensitivity_figure, write_figure
 from gaitsweep.fitting.fit_directory import ClusterRows, describe, open_directory
-from gaitsweep.fitting.free_parameters import Sets
+from gaitsweep.fitting.free_parameters import Sets, number_of_sets
 from gaitsweep.fitting.measure import Measure, MeasuredByName, reasons_of_sets
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.sensitivity_job import FAILURES, SensitivityJob
@@ -98,7 +98,7 @@ class Sensitivity:
         complete = int(np.count_nonzero(SetStatus.COMPLETE.among(self.table)))
         outputs = ", ".join(map(str, self.indices["output"].unique()))
         place = "in memory" if self.path is None else f"in {self.path}"
-        return f"Sensitivity({len(self.table)} sets, {complete} complete: {outputs}; {place})"
+        return f"Sensitivity({number_of_sets(len(self.table))}, {complete} complete: {outputs}; {place})"
 
     def figure(self) -> Figure:
         """Draw the indices as bars with their intervals, a panel for each output."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, Literal
 
@@ -17,7 +18,7 @@ from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOpt
 from gaitsweep.column_meanings import time_column
 from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.maps import MIN_SCALE, Points, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.atlas_block import AtlasBlock, DrawnStarts
 from gaitsweep.kinds.columns import Column, changing, observed_at_crossings
@@ -231,7 +232,15 @@ class Atlas(FollowsFixedPoints):
         return Points.joined(points), mapped.values
 
     def at_place(self, mapped: MappedRows) -> MappedRows:
-        """The rows at the value of the parameter at which gaits are searched."""
+        """The rows at the value of the parameter at which gaits are searched.
+
+        A coordinate whose range lies closer to 0 than `MIN_SCALE` is scaled by the largest size in its range.
+        """
+        sizes = {name.removesuffix("_0"): np.max(np.abs(bounds)) for name, bounds in self.ranges.items()}
+        coordinates = mapped.mapping.coordinates
+        sizes |= {quantity.name: MIN_SCALE for quantity in coordinates if quantity.circular}
+        least = np.array([min(MIN_SCALE, sizes.get(quantity.name, MIN_SCALE)) for quantity in coordinates])
+        mapped = dataclasses.replace(mapped, mapping=dataclasses.replace(mapped.mapping, least=least))
         return mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
 
     def block_table(

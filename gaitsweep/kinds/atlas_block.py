@@ -18,7 +18,7 @@ from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, rows_of
 from gaitsweep.design import Design
-from gaitsweep.engine.poincare.maps import MIN_SCALE, Points
+from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.kinds.fixed_points import MappedRows
@@ -44,18 +44,6 @@ class DrawnStarts:
     mapped: MappedRows
     ranges: Mapping[str, Sequence[float]]
     seed: int
-
-    @property
-    def least(self) -> Float[np.ndarray, " coordinates"]:
-        """The least scale of each coordinate of the section: the width of its range, at most `MIN_SCALE`."""
-        widths = {name.removesuffix("_0"): high - low for name, (low, high) in self.ranges.items()}
-        coordinates = self.mapped.mapping.coordinates
-        return np.array(
-            [
-                MIN_SCALE if q.circular else min(MIN_SCALE, widths.get(q.name) or MIN_SCALE)
-                for q in coordinates
-            ]
-        )
 
     def points(self, row_of_start: Rows, drawn_before: int, count: int, cycles: int = 0) -> Points:
         """Starts (n,), `count` of each row.
@@ -208,7 +196,7 @@ class AtlasBlock:
 
         periods = 1 if run.stationary else run.periods  # a point at rest has no other
         options = OrbitSearchOptions(periods, run.budget, run.batch, run.patience, on_round)
-        search = OrbitSearch(mapped.mapping, mapped.values, drawn.levels(run.fix), options, drawn.least)
+        search = OrbitSearch(mapped.mapping, mapped.values, drawn.levels(run.fix), options)
         row_of_start = np.repeat(np.arange(len(mapped.numbers)), run.batch)
         settled = drawn.points(row_of_start, 0, run.batch, max(run.settle, 1))
         sound = np.asarray(np.isfinite(settled.at).all(axis=1))

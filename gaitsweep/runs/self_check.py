@@ -18,12 +18,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.contract import Model, Quantity
+from gaitsweep.contract import HybridModel, Model, Quantity
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.numerics import STEP_FACTOR, tolerance_scale
 from gaitsweep.engine.poincare.maps import wrap_difference
 from gaitsweep.engine.poincare.return_map import REFINED
+from gaitsweep.engine.recorders.bounds import unscaled
 from gaitsweep.engine.recorders.perturb import PerturbRecorder
 from gaitsweep.engine.recorders.recorder import Recorder
 from gaitsweep.engine.recorders.recordings import (
@@ -36,6 +37,7 @@ from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.recorders.staircase import StepRecorder
 from gaitsweep.engine.recorders.states import StateRecorder
 from gaitsweep.engine.solver.methods import fixed_step_scheme
+from gaitsweep.engine.solver.runge_kutta import euler_update
 from gaitsweep.engine.sweep.lane import RowDrive
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
@@ -234,12 +236,29 @@ def _place_of(context: RunContext, record: Mapping[Any, Any]) -> dict[str, float
 @cached_by_content(maxsize=16)
 def _observed(model: Model, dtype: str, drive: RowDrive | None) -> Callable[..., Observed]:
     """The function `(values, starts) -> observables (n, k)` of rows at their starts."""
+    return over_started_rows(_stacked(model), "observed", model, dtype, drive)
+
+
+@cached_by_content(maxsize=16)
+def _motion(model: HybridModel, dtype: str, drive: RowDrive | None) -> Callable[..., Observed]:
+    """The function `(values, starts) -> motion (n, k)` of observables in a period, at the starts' rates."""
+
+    def motion(params: Any, state: Any) -> jax.Array:
+        rates = model.flow(params, state)
+        along = jax.jvp(lambda t: _stacked(model)(params, euler_update(state, rates, t)), (0.0,), (1.0,))[1]
+        return jax.numpy.abs(along) * model.period(params)
+
+    return over_started_rows(motion, "motion", model, dtype, drive)
+
+
+def _stacked(model: Model) -> Callable[[Any, Any], jax.Array]:
+    """The function `(params, state) -> observables (k,)` of a model."""
 
     def observed(params: Any, state: Any) -> jax.Array:
         observables = model.observe(params, state)
         return jax.numpy.stack([observables[q.name] for q in model.observables])
 
-    return over_started_rows(observed, "observed", model, dtype, drive)
+    return observed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -371,7 +390,7 @@ class _Comparison:
         comparable = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
         comparable &= ~RECURRENT.among(once.status)
         change = changes(model, ends, finer_ends)
-        size = sizes(model.observables, np.concatenate([self.observed_at_starts(rows), ends]))
+        size = self._sizes(rows, change, np.concatenate([self.observed_at_starts(rows), ends]))
         check.record_changes(model.observables, change[comparable], size)
         off = np.zeros_like(change, bool)
         if not fixed_steps or not at_times:
@@ -452,7 +471,7 @@ class _Comparison:
         observed, times = [run[..., 1:] for run in samples], [run[..., 0] for run in samples]
         change = changes(model, observed[0], observed[1])
         most = np.nanmax(change, axis=1, initial=0.0)
-        size = sizes(model.observables, observed[0])
+        size = self._sizes(rows, most, observed[0])
         check.record_changes(model.observables, most, size)
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
             # the step is part of such a model: changes with it are marked, but are no fault of the run
@@ -483,7 +502,7 @@ class _Comparison:
         both = once.exists & finer.exists
         check.status_differs = int(np.sum(once.exists != finer.exists))
         change = changes(model, once.observed, finer.observed)
-        size = sizes(model.observables, once.observed[once.exists])
+        size = self._sizes(rows, change[both], once.observed[once.exists])
         check.record_changes(model.observables, change[both], size)
         check.moved = int(np.sum(both & np.any(change > TOLERANCES * TOLERANCE * size, axis=1)))
         return RerunRows(rows, self.context.spec.recorder, once)
@@ -510,12 +529,31 @@ class _Comparison:
             off[places] &= changes(model, now, before)[places] > by_rounding
         return differs | off.any(axis=1)
 
+    def _sizes(
+        self, rows: Rows, change: Observed, observed: Float[np.ndarray, "... observables"]
+    ) -> Float[np.ndarray, " observables"]:
+        """Return the sizes (k,) of observables, from their values (..., k) in some rows (n,).
+
+        Where the section keeps an observable at 0, its values there are rounding, relative to its motion
+        between crossings. So `ROUNDING` of that is its least size, if a change (n, k) is beyond tolerance.
+        """
+        model = self.context.model
+        size, own = sizes(model.observables, observed), unscaled(model)
+        if isinstance(model, HybridModel) and np.any(change[:, own] > TOLERANCE * size[own]):
+            motion = self._at_starts(_motion, rows)[:, own]
+            of_rounding = ROUNDING * np.max(np.where(np.isfinite(motion), motion, 0.0), axis=0)
+            size[own] = np.maximum(size[own], of_rounding)
+        return size
+
     def observed_at_starts(self, rows: Rows) -> Observed:
         """Return the observables (n, k) of rows at their starts."""
-        model = self.context.model
+        return self._at_starts(_observed, rows)
+
+    def _at_starts(self, function: Callable[..., Callable[..., Observed]], rows: Rows) -> Observed:
+        """Return the values (n, k) of `_observed` or `_motion` for some rows."""
+        model, spec = self.context.model, self.context.spec
         values, starts = self.context.design.values_in(rows)
-        spec = self.context.spec
-        return _observed(model, spec.numerics.dtype, spec.drive)(model.on_host(values), starts)
+        return function(model, spec.numerics.dtype, spec.drive)(model.on_host(values), starts)
 
     @property
     def comparable_time(self) -> float:

@@ -7,6 +7,7 @@ displaced and followed on.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
 from gaitsweep.engine.kernel.lanes import over_started_rows
 from gaitsweep.engine.kernel.row_functions import over_rows
-from gaitsweep.engine.poincare.maps import MIN_SCALE, Points, sizes
+from gaitsweep.engine.poincare.maps import MIN_SCALE, Points
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.recorders.staircase import StepRecorder
@@ -161,7 +162,8 @@ class _StatesOfRows:
         following = {} if self._moving is None else context.design.following(self._moving)
         self._parameters = {name: column for name, column in parameters.items() if name not in following}
         engine = "quick" if context.spec.engine == "kernel" else context.spec.engine
-        self._mapping = BatchedReturnMap(self._model, tuple(following.items()), self._numerics, engine)
+        mapping = BatchedReturnMap(self._model, tuple(following.items()), self._numerics, engine)
+        self._mapping = dataclasses.replace(mapping, least=MIN_SCALE * _units(mapping.coordinates))
         self._at_section = not isinstance(context.spec.recorder, StepRecorder)
         self._deciding = self._mapping.settings, self._numerics, self._at_section
         self._follow = _following(self._mapping, self._deciding)
@@ -190,7 +192,7 @@ class _StatesOfRows:
     def _signs_by_the_section(self, probed: pd.DataFrame) -> Bool[np.ndarray, " signs"]:
         """Mask of the signs that displaced starts of the rows of records all have at their next crossing."""
         starts = self._starting_points(self._rows[probed["place"]])
-        size = START_DISPLACEMENT * sizes(starts.at, _least_scales(self._mapping))
+        size = START_DISPLACEMENT * self._mapping.sizes(starts.at)
         displaced = _with_copies(starts, size)[len(starts) :]
         copies = {name: np.tile(column, DIRECTIONS) for name, column in self._values_at(probed).items()}
         images = self._follow(displaced, copies, len(displaced))
@@ -484,8 +486,7 @@ class _DisplacedStates:
         self._telling = telling
         self._period = period
         self._smooth = smooth
-        self._least = _least_scales(mapping)
-        self._displacement = share * DISPLACEMENT * sizes(points.at, self._least)
+        self._displacement = share * DISPLACEMENT * mapping.sizes(points.at)
         self._reach = 1 if share == 1.0 else REACH
         self._scattered_until = (0 if smooth else SCATTER_CROSSINGS) * period
         self._rests = np.zeros(n, bool)
@@ -527,7 +528,7 @@ class _DisplacedStates:
             again = number % period == 0  # at the place of the orbit where the state was first
             scattered = np.flatnonzero(again & (number <= self._scattered_until[followed]))
             some = followed[scattered]
-            scatter = SCATTERED * self._distance(previous[some], at[0][scattered])
+            scatter = SCATTERED * self._mapping.distance(previous[some], at[0][scattered])
             self._left_at[some] = np.maximum(self._left_at[some], scatter)
             previous[some] = at[0][scattered]
             self._record_ends(followed, images.sound.reshape(COPIES, followed.size))
@@ -538,7 +539,7 @@ class _DisplacedStates:
             decided = number >= decided_from
             self._left |= decided & (distance > self._left_at).any(axis=0)
             if self._reach > 1:
-                gone = self._distance(self._points.at[followed], at[0])
+                gone = self._mapping.distance(self._points.at[followed], at[0])
                 self._left[followed] |= decided[followed] & again & (gone > self._left_at[followed])
             away = np.any(distance > RETURNED * distances[0], axis=0)
             now = np.full((DIRECTIONS, n, at.shape[-1]), np.nan)
@@ -568,17 +569,11 @@ class _DisplacedStates:
         now = distances[-1]
         return np.asarray(((now > GROWN * distances[0]) & (now > FASTER * before)).any(axis=0))
 
-    def _distance(
-        self, a: Float[np.ndarray, "*points coordinates"], b: Float[np.ndarray, "*points coordinates"]
-    ) -> Float[np.ndarray, " *points"]:
-        """The distances of points from others, relative to the scales of their coordinates."""
-        return self._mapping.distance(a, b, self._least)
-
     def _from_first(
         self, at: Float[np.ndarray, "copies points coordinates"]
     ) -> Float[np.ndarray, "directions points"]:
         """The distances of the displaced points from the points themselves, the first of the copies."""
-        return self._distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
+        return self._mapping.distance(np.broadcast_to(at[0], at[1:].shape), at[1:])
 
     def _record_ends(
         self, followed: Int[np.ndarray, " followed"], sound: Bool[np.ndarray, "copies followed"]
@@ -592,11 +587,6 @@ class _DisplacedStates:
 def _units(quantities: Sequence[Quantity]) -> Float[np.ndarray, " quantities"]:
     """The sizes (k,) below which quantities are not compared by their magnitude: 1, or a smaller `scale`."""
     return np.array([1.0 if q.circular or q.scale is None else min(q.scale, 1.0) for q in quantities])
-
-
-def _least_scales(mapping: BatchedReturnMap) -> Float[np.ndarray, " coordinates"]:
-    """The least scales of the coordinates of a map, which are smaller if their `scale` is below 1."""
-    return MIN_SCALE * _units(mapping.coordinates)
 
 
 def _with_copies(points: Points, size: Float[np.ndarray, "points coordinates"]) -> Points:

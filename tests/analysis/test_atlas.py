@@ -17,7 +17,9 @@ from gaitsweep.analysis.atlas.atlas_tables import atlas_table
 from gaitsweep.analysis.atlas.branch import point_of, text_of
 from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
+from gaitsweep.analysis.continuation import bifurcation_curves
 from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
+from gaitsweep.analysis.continuation.lockstep import alone
 from gaitsweep.analysis.continuation.plain_map import PlainMap
 from gaitsweep.engine.poincare.maps import Coordinates, Events, Map, Points, Values
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -97,31 +99,36 @@ def specials(table: pd.DataFrame, kind: str, parameter: str) -> np.ndarray:
 
 
 class Small(gs.MapModel):
-    """The logistic map of a length in units of 10 um."""
+    """The logistic map of a length in units of 10 nm."""
 
     r = gs.parameter("1", "rate", 3.2)
-    x = gs.variable("m", "length", 0.3e-5)
+    x = gs.variable("m", "length", 0.3e-8)
 
     def image(self, p, s):
-        return {"x": p.r * s.x * (1.0 - s.x / 1e-5)}
+        return {"x": p.r * s.x * (1.0 - s.x / 1e-8)}
 
 
 @pytest.mark.slow
-def test_a_start_ends_on_one_gait_whatever_the_unit() -> None:
+def test_gaits_and_branches_do_not_depend_on_the_unit() -> None:
+    """At the flip a displacement becomes x -> -x + 9 (x / 10 nm)^3."""
     found = gs.atlas(
         Small(),
         parameter="r",
-        path=(3.1, 3.3),
+        path=(2.9, 3.3),
         at=3.2,
-        ranges={"x_0": (0.05e-5, 0.95e-5)},
+        ranges={"x_0": (0.05e-8, 0.95e-8)},
         budget=64,
         periods=2,
-        depth=0,
+        depth=1,
         verify=0,
     )
     gaits = found.gaits.sort_values("period", kind="stable")
     assert gaits["period"].tolist() == [1, 1, 2]
     assert gaits["reached"].tolist() == [0.0, 0.0, 1.0]
+    assert found.points["special"].tolist() == ["flip"]
+    assert found.points["r"].item() == pytest.approx(3.0, abs=1e-9)
+    assert found.points["coefficient"].item() == pytest.approx(9.0 * (0.1 / 1e-8) ** 2, rel=1e-4)
+    assert set(found.branches["number"]) == {0, 1, 2}
 
 
 def test_orbits_of_the_henon_map() -> None:
@@ -387,6 +394,23 @@ def test_a_circle_and_its_resonances() -> None:
         assert circle["end"].iloc[-1] == "resonance_1_2"
         assert np.all(np.diff(circle["c"]) > 0.0)
         assert circle["c"].iloc[-1] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_a_leap_does_not_pass_the_meeting_of_a_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Behind an angle of pi the curve leads back along itself."""
+
+    def point(angle: float) -> Any:
+        return SimpleNamespace(tangent=np.ones(1), unknowns=np.array([angle]))
+
+    def step(equations: Any, before: Any, length: float) -> Any:
+        yield from ()
+        return point(before.unknowns[0] + length)
+
+    monkeypatch.setattr(bifurcation_curves, "step", step)
+    pair: Any = SimpleNamespace(kind="neimark_sacker")
+    for begin, ends in ((3.13, None), (3.0, 3.05)):
+        leap = alone(bifurcation_curves._leap(pair, point(begin), 0.8))
+        assert (leap if leap is None else leap.unknowns[0]) == ends
 
 
 @pytest.mark.slow

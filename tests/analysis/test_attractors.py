@@ -186,6 +186,8 @@ def test_rows_that_did_not_settle_have_none() -> None:
         with_attractors(table)
     with pytest.raises(AnalysisError, match="status is not a column"):
         with_attractors(table.drop(columns="status"))
+    with pytest.raises(AnalysisError, match="not tested for settling"):
+        attractors(table.assign(status="complete"))
 
 
 @pytest.mark.parametrize(

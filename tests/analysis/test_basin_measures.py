@@ -67,6 +67,9 @@ def test_fractions_of_outcomes() -> None:
     assert result["rows"].to_dict() == {"False": 50, "True": 20, "not settled": 20, "failed": 10}
     assert np.sum(result["fraction"]) == pytest.approx(1.0)
     assert set(result["interval"]) == {"cells"}
+    alike = fractions(table.assign(status="fell")).iloc[0]
+    assert (alike["interval"], alike["high"]) == ("wilson", 1.0)
+    assert alike["low"] == pytest.approx(proportion_interval(100, 100)[0])
     rows = table.sample(60, random_state=0)
     assert set(fractions(rows)["interval"]) == {"wilson"}
     assert set(fractions(table, interval="clopper_pearson")["interval"]) == {"clopper_pearson"}

@@ -213,13 +213,14 @@ def test_two_coupled_logistic_maps() -> None:
         np.testing.assert_allclose(table["y"], table["x"], atol=1e-7)
 
 
-def test_with_a_conserved_quantity() -> None:
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_with_a_conserved_quantity(unit: float) -> None:
     """X + y = E is conserved, and u = x - y -> u + r u - u^3; no step of the first length converges."""
     mapping = PlainMap(
         lambda v, at: at + jnp.array([0.5, -0.5]) * (v["r"] * (at[0] - at[1]) - (at[0] - at[1]) ** 3),
         ("x", "y"),
         (("r", 0.0),),
-        invariants=(("E", lambda values, at: at[0] + at[1]),),
+        invariants=(("E", lambda values, at: unit * (at[0] + at[1])),),
     )
     steps = ArclengthSteps(2.0, 2.0)
     for x, r, towards in ((0.0, -0.4, 1), (0.6, 0.36, -1)):

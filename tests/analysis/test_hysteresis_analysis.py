@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -212,6 +213,15 @@ def test_a_smooth_slope_over_unsettled_holds_is_no_jump(least: float | None) -> 
     assert jumps(table.assign(y_n=1.5 * f + 0.1 * f**2), "y", "f", least).empty
     lost = table.assign(y_n=1.5 * f + 0.1 * f**2 + 3.0 * (f < -0.1))
     assert jumps(lost, "y", "f", least)["pass"].tolist() == [1]
+
+
+@pytest.mark.parametrize("missing", [False, None, np.nan, pd.NA])
+def test_a_hold_without_a_flag_has_not_settled(missing: Any) -> None:
+    """A jump of 2 by way of an unsettled hold at 1 is one jump."""
+    value = 0.01 * np.arange(9) + np.repeat([0.0, 1.0, 2.0], [4, 1, 4])
+    table = pd.DataFrame({"row": 0, "pass": 0, "stair": range(9), "f": 0.1 * np.arange(9), "y_n": value})
+    table["settled"] = pd.Series([True] * 4 + [missing] + [True] * 4, dtype=object)
+    assert jumps(table, "y", "f", 0.3)["size"].tolist() == [pytest.approx(2.02)]
 
 
 def test_missing_columns_are_refused() -> None:

@@ -121,6 +121,16 @@ def test_conserved_quantities_are_constrained() -> None:
     np.testing.assert_allclose(given.points.at[:, 0], 0.5, atol=1e-9)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_unit_of_a_conserved_quantity_does_not_matter(unit: float) -> None:
+    mapping = PlainMap(line, ("x", "y"), invariants=(("total", lambda values, x: unit * (x[0] + x[1])),))
+    held = newton(
+        mapping, mapping.points([[0.9, 0.8], [0.3, 0.4]]), {"leak": 0.0}, fix={"total": 0.75 * unit}
+    )
+    assert held.converged.all()
+    np.testing.assert_allclose(held.points.at[:, 0], 0.5, atol=1e-9)
+
+
 def test_nearly_conserved_quantities_drift() -> None:
     """A cycle adds 0.01 to E, so there is no fixed point; with E constrained the drift is 0.01."""
     held = newton(CONSERVING, CONSERVING.points([[0.9, 0.8]]), {"leak": 0.01}, fix=["total"])

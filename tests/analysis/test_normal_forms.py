@@ -74,7 +74,7 @@ def bifurcation(
     values = {name: np.array([value]) for name, value in others.items()}
     at_zero = mapping.linearised(points, {"r": np.zeros(1), **values})
     constraints = ConservedConstraints.of(mapping, fix, at_zero.conserved_values)
-    problem = ContinuationProblem.of(mapping, "r", (-1.0, 1.0), values, constraints, points.at)
+    problem = ContinuationProblem.of(mapping, "r", (-1.0, 1.0), values, constraints, points, at_zero)
     return problem, problem.first(points, np.zeros((1, len(fix))), np.zeros(1), 1.0)
 
 

@@ -202,6 +202,12 @@ def test_hopf_point_of_the_normal_form(n: float) -> None:
             rest.cycle(*arguments)
 
 
+def test_no_cycle_begins_at_a_saddle() -> None:
+    saddle = {"special": "hopf", "row": 0, "b1": -0.2, "x": 0.5 + np.sqrt(0.45), "y": 0.0}
+    with pytest.raises(gs.ArgumentError, match="no Hopf point: all eigenvalues"):
+        gs.stationary(BogdanovTakens()).cycle(saddle, "b1", 0.1)
+
+
 @pytest.mark.parametrize("C_0", [1.0, 1e-6])
 def test_a_cycle_is_the_same_in_any_unit_of_the_parameter(C_0: float) -> None:
     hopf = {"special": "hopf", "row": 0, "C": C_0, "x": 0.0, "y": 0.0}

@@ -248,6 +248,36 @@ def test_a_trunk_on_a_boom_walks_around_it() -> None:
         np.testing.assert_allclose(trunk.ahead(jnp.asarray([angle + 0.2]), begin), np.sin(0.2), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "arms",
+    [
+        '<body pos="0 1 .8" euler="0 0 180"><joint axis="0 0 1"/><joint axis="1 0 0"/>{}</body>',
+        '<body pos="0 1 .8" euler="0 0 180"><joint axis="0 0 1"/><body><joint axis="1 0 0"/>{}</body></body>',
+        '<body pos="0 1 0" euler="0 0 180"><joint type="slide" axis="0 0 1" ref="-.8"/><body pos="0 0 .8">'
+        '<joint axis="0 0 1"/>{}</body></body>',
+    ],
+    ids=["one arm", "two arms", "post"],
+)
+@pytest.mark.parametrize("joint", ["", '<joint axis="0 1 0"/>', '<joint axis="0 1 0" pos=".1 0 .2"/>'])
+def test_the_trunk_is_what_the_arms_of_a_boom_carry(arms: str, joint: str) -> None:
+    """It is where MuJoCo has it; half of a turn of the boom by 0.2 rad, 1 m from its axis, is ahead."""
+    leg = '<body><joint axis="0 1 0"/><geom name="{}" size=".1"/></body>'
+    trunk_and_legs = f'<body pos="0 -1 .1">{joint}<geom size=".1"/>{leg.format("l")}{leg.format("r")}</body>'
+    bodies = arms.replace("<joint", '<geom size=".1"/><joint').format(trunk_and_legs)
+    m = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    data, trunk = mujoco.MjData(m), Trunk(m, ["l", "r"])
+    body = m.geom("l").bodyid[0] - 1
+    assert trunk.moves
+    for q in np.random.default_rng(3).normal(size=(4, m.nq)):
+        data.qpos[:] = q
+        mujoco.mj_kinematics(m, data)
+        np.testing.assert_allclose(trunk.place(jnp.asarray(q)), data.xpos[body], rtol=0, atol=1e-12)
+    turn = int(np.argmax((m.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (m.jnt_axis[:, 2] == 1.0)))
+    for angle in (0.0, 2.5):
+        begin, end = (jnp.asarray(m.qpos0).at[turn].set(q) for q in (angle, angle + 0.2))
+        np.testing.assert_allclose(trunk.ahead(end, trunk.place(begin)[:2]), np.sin(0.2), atol=1e-12)
+
+
 def test_a_robot_fixed_to_the_world_has_a_trunk_that_stands() -> None:
     leg = '<body><joint pos="0 0 .1" axis="0 1 0"/><geom name="{}" size=".1"/></body>'
     body = f'<body pos="0 0 1"><geom size=".1"/>{leg.format("l")}{leg.format("r")}</body>'

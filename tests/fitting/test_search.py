@@ -26,7 +26,7 @@ from gaitsweep.errors import JobError
 from gaitsweep.fitting import optimisers
 from gaitsweep.fitting.figures import draw_search
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
-from gaitsweep.fitting.identifiability import _constant
+from gaitsweep.fitting.identifiability import Identifiability, _constant
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import Robust, share_kept
@@ -241,6 +241,22 @@ def test_words_have_no_order_that_pins_them() -> None:
     one = both.iloc[::2]
     constant = _constant("gait", FreeParameter(choices=words), both, one)
     assert (constant.verdict, constant.words) == ("pinned", ("tripod", "tripod"))
+
+
+def test_choices_that_are_numbers_are_in_order() -> None:
+    """Of the choices 2, 8, 1 and 4 the near-best sets have 1 and 2, which are neighbours."""
+    near_best = pd.DataFrame({"n": [2, 1] * 20, "score": np.linspace(0.1, 0.9, 40)})
+    complete = pd.concat([near_best, pd.DataFrame({"n": [8, 4], "score": [5.0, 6.0]})])
+    constant = _constant("n", FreeParameter(choices=[2, 8, 1, 4]), complete, near_best)
+    assert (constant.words, constant.spread) == (("2", "1 to 2"), 0.25)
+    scores = constant.profile[~np.isnan(constant.profile)]
+    assert scores[2:].tolist() == [6.0, 5.0]
+
+
+def test_the_repr_of_one_set_has_the_singular() -> None:
+    near_best = pd.DataFrame({"n": [2], "score": [0.1]})
+    assert repr(Identifiability(near_best, 1, ())) == "Identifiability: 1 set fits"
+    assert repr(Identifiability(near_best, 0, ())) == "Identifiability: no set fits; 1 near-best one"
 
 
 def test_a_constant_that_the_targets_do_not_see_is_free(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ SEEDS = {"seed": [1, 2]}
 PSI = {"x": "psi_1", "y": "psi_2"}
 REFINED = {"kind": "settle", "refine": "boundary"}
 SETTLE: dict[str, Any] = {"kind": "settle"}
+TIMED = {"kind": "fixed_time", "duration": 5}
 MAP = {"kind": "return_map", "crossings": 20}
 TRACE = {"kind": "trace", "duration": 1, "every": 0.05}
 BRANCH = {"kind": "continuation", "parameter": "beta", "path": [0.7, 0.8]}
@@ -52,6 +53,7 @@ REFUSED: list[tuple[dict[str, Any], dict[str, Any], Any, str, str]] = [
     ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, MASSES, "", "axes is missing: besides panels"),
     ({"kind": "basin_measures", "axes": ["gait"]}, SETTLE, GRID, "", r"axes\[0\] is gait, which is not"),
     ({"kind": "basin_measures", "hue": "attractor"}, REFINED, GRID, "", "hue is attractor"),
+    ({"kind": "basin_measures", "hue": "attractor"}, TIMED, GRID, "", "not test whether rows settle"),
     ({"kind": "gait_transitions", **PSI, "start": "psi_1"}, SETTLE, GRID, "", "start is psi_1, like x"),
     ({"kind": "branches", "x": "crossing", "y": "psi_1"}, MAP, MASSES, "", "crossing, which does not vary"),
     ({"kind": "cycles", "x": "status", "y": ["psi_1"]}, MAP, MASSES, "", "x is status, which is not numeric"),

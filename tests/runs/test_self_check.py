@@ -286,6 +286,24 @@ class Pulses(gs.DeclaredModel):
         return 2.0 + 0.0 * p.width
 
 
+class Relaxation(gs.DeclaredModel):
+    """Van der Pol's oscillator in um; v falls through 0 once a period."""
+
+    mu = gs.parameter("1/s", "rate", 8.0)
+    x = gs.variable("um", "place", 2.5e6)
+    v = gs.variable("um/s", "speed", 0.0)
+
+    def flow(self, p, s):
+        return {"x": s.v, "v": p.mu * (1.0 - (s.x / 1e6) ** 2) * s.v - s.x}
+
+    @gs.event("v falls through 0", section=True)
+    def turns(self, p, s):
+        return -s.v
+
+    def period(self, p):
+        return 6.6 + 0.0 * p.mu
+
+
 def judged(model: type, run: Any, **given: Any) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -309,6 +327,15 @@ def test_an_observable_of_any_unit_is_judged_by_its_size() -> None:
     assert (result["verdict"], result["moved"]) == ("warned", 1)
     result = judged(Spring, gs.FixedTime(duration=20.0))
     assert (result["verdict"], result["sensitive"]) == ("passed", 0)
+
+
+def test_rounding_of_an_observable_that_the_section_keeps_at_0_is_no_change() -> None:
+    """The speed at crossings is some 1e-6 um/s, and 1e6 um/s between them."""
+    result = judged(
+        Relaxation, gs.ReturnMap(crossings=10, after_cycles=10), numerics={"method": "rk4", "dt": 0.01}
+    )
+    assert (result["verdict"], result["sensitive"]) == ("passed", 0)
+    assert result["largest"]["v"] > 1e-7
 
 
 def test_the_time_of_a_crossing_is_compared() -> None:

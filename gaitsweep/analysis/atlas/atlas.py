@@ -103,7 +103,7 @@ class BranchAtlas:
         conserved = mapping.images(fixed.points, complete).conserved_values if self.fix else np.zeros((1, 0))
         constraints = ConservedConstraints.of(mapping, self.fix, conserved)
         problem = ContinuationProblem.of(
-            mapping, self.parameter, self.within, others, constraints, fixed.points.at
+            mapping, self.parameter, self.within, others, constraints, fixed.points, fixed.images
         )
         first = problem.first(fixed.points, fixed.drift, np.array([at]), 1.0)
         possible = {-1: at > problem.low, 1: at < problem.high}

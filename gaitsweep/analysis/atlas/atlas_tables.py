@@ -77,14 +77,12 @@ def _gait(
         listed: the gaits of the branch's row that have a record, with their images.
     """
     mapping = atlas.mapping
-    if any(np.min(mapping.distance(gait.at, at.points.at, search.least)) < ON_BRANCH for gait in listed):
+    if any(np.min(mapping.distance(gait.at, at.points.at)) < ON_BRANCH for gait in listed):
         return {}
     values = branch.problem.values_at(at.parameter)
     images = np.concatenate([image.at for image in with_images(mapping, at.points, values)])
     orbits = [orbit for orbit in search.of_row(branch.row) if orbit.period == branch.period]
-    distances = [
-        float(np.min(mapping.distance(orbit.points.at[:, None], images, search.least))) for orbit in orbits
-    ]
+    distances = [float(np.min(mapping.distance(orbit.points.at[:, None], images))) for orbit in orbits]
     nearest = int(np.argmin(distances)) if distances else -1
     if nearest >= 0 and distances[nearest] < ON_BRANCH:
         orbit, distance = orbits[nearest], distances[nearest]

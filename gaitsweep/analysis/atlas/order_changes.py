@@ -21,7 +21,7 @@ from gaitsweep.analysis.continuation.bifurcation_tests import ahead
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import FixedPoints, newton
 from gaitsweep.column_meanings import time_column
-from gaitsweep.engine.poincare.maps import Events, Map, Points, Values, sizes
+from gaitsweep.engine.poincare.maps import Events, Map, Points, Values
 
 # Steps of the second parameter over its range.
 STEPS = 32
@@ -348,7 +348,7 @@ def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> 
     end, before = branch.point(at_end), branch.point(inner)
     problem, mapping = branch.problem, branch.problem.mapping
     ahead_of_end = mapping.difference(end.points.at, before.points.at)
-    length = np.linalg.norm(ahead_of_end / sizes(end.points.at))
+    length = np.linalg.norm(ahead_of_end / mapping.sizes(end.points.at))
     for step in BEYOND_END:
         share = step / length if length > 0.0 else 0.0
         points = Points(end.points.at + share * ahead_of_end, end.points.modes)

@@ -19,8 +19,6 @@ from jaxtyping import Bool, Float, Int
 
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.engine.poincare.maps import (
-    MIN_SCALE,
-    LeastSizes,
     ManyCoordinates,
     Map,
     MapEvaluation,
@@ -101,7 +99,6 @@ class OrbitSearch:
         values: its parameters, numbers or one for each row (n,).
         fix: conserved quantities that are held, each at one value for each row (n,).
         options: extent of the search.
-        least: the least scale of each coordinate, (size,) or one for all.
     """
 
     def __init__(
@@ -110,10 +107,8 @@ class OrbitSearch:
         values: Values,
         fix: Mapping[str, Any],
         options: OrbitSearchOptions,
-        least: LeastSizes = MIN_SCALE,
     ) -> None:
         self.mapping, self.values, self.fix, self.options = mapping, values, fix, options
-        self.least = least
         self.orbits: list[Orbit] = []
         self._drawn: dict[int, int] = {}  # starts of each row that were drawn at random
 
@@ -220,7 +215,7 @@ class OrbitSearch:
         """The distances of points (n, size) to an orbit or an image of it."""
         values = rows_of(self.values, np.full(orbit.period, orbit.row))
         points = np.concatenate([image.at for image in with_images(self.mapping, orbit.points, values)])
-        return np.min(self.mapping.distance(points[None], at[:, None], self.least), axis=1)
+        return np.min(self.mapping.distance(points[None], at[:, None]), axis=1)
 
     def _grouped(self, points: Points, rows: Rows) -> list[Rows]:
         """Groups of equal points of one row."""
@@ -229,7 +224,7 @@ class OrbitSearch:
             of_row = [group for group in groups if rows[group[0]] == rows[k]]
             if of_row:
                 heads = np.array([group[0] for group in of_row])
-                away = self.mapping.distance(points.at[heads], points.at[[k]], self.least)
+                away = self.mapping.distance(points.at[heads], points.at[[k]])
                 if np.min(away) < SAME:
                     of_row[int(np.argmin(away))].append(k)
                     continue
@@ -239,7 +234,7 @@ class OrbitSearch:
     def _insert(self, points: Points, rows: Rows, period: int, hits: Sequence[int]) -> set[int]:
         """Add the orbits through n points, or the hits of those that are known; the rows with new ones."""
         values, fix = rows_of(self.values, rows), rows_of(self.fix, rows)
-        candidates = polished(self.mapping, points, rows, values, period, fix, self.least)
+        candidates = polished(self.mapping, points, rows, values, period, fix)
         sound = np.array([k for k, orbit in enumerate(candidates) if orbit is not None], int)
         orbits = [orbit for orbit in candidates if orbit is not None]
         if not orbits:
@@ -268,7 +263,7 @@ class OrbitSearch:
         for number, orbit in enumerate(self.orbits):
             if orbit.row != row:
                 continue
-            if np.min(self.mapping.distance(orbit.points.at, point.at, self.least)) < SAME:
+            if np.min(self.mapping.distance(orbit.points.at, point.at)) < SAME:
                 return number
         return None
 
@@ -291,7 +286,6 @@ def polished(
     values: Values,
     period: int,
     fix: Sequence[str] | Mapping[str, object] = (),
-    least: LeastSizes = MIN_SCALE,
 ) -> list[Orbit | None]:
     """The orbits through n points that are nearly fixed by the map iterated `period` times.
 
@@ -302,7 +296,6 @@ def polished(
         values: parameters, numbers or one for each point (n,).
         period: the period.
         fix: conserved quantities to constrain, as for `newton`.
-        least: the least scale of each coordinate, (size,) or one for all.
 
     Returns:
         The orbits with their least periods; None where a point is on no orbit after all. The error of an
@@ -318,24 +311,20 @@ def polished(
             break
         at, images = at.merged(better, again.points[better]), images.merged(better, again.images[better])
         residual = np.minimum(residual, again.residual)
-    orbits = orbits_of(mapping, at, values, period, least)
+    orbits = orbits_of(mapping, at, values, period)
     mirrored, errors = mapping.mirrored(at, values), _errors(iterated, at, images, values, fix)
     polished_orbits: list[Orbit | None] = []
     for k, (orbit, error) in enumerate(zip(orbits, errors, strict=True)):
         if orbit is None or not fixed.converged[k]:
             polished_orbits.append(None)
             continue
-        apart = {
-            name: np.min(mapping.distance(orbit.at, image.at[k], least)) for name, image in mirrored.items()
-        }
+        apart = {name: np.min(mapping.distance(orbit.at, image.at[k])) for name, image in mirrored.items()}
         symmetry = tuple(name for name, distance in apart.items() if distance < SAME)
         polished_orbits.append(Orbit(int(rows[k]), orbit, float(error), symmetry=symmetry))
     return polished_orbits
 
 
-def orbits_of(
-    mapping: Map, points: Points, values: Values, period: int, least: LeastSizes = MIN_SCALE
-) -> list[Points | None]:
+def orbits_of(mapping: Map, points: Points, values: Values, period: int) -> list[Points | None]:
     """The points of the orbits of n points, each with its least period; None where a point has no image.
 
     Args:
@@ -343,7 +332,6 @@ def orbits_of(
         points: the points.
         values: parameters, numbers or one for each point (n,).
         period: crossings after which each point repeats, not always its least period.
-        least: the least scale of each coordinate, (size,) or one for all.
     """
     crossings, sound = [points], np.ones(len(points), bool)
     periods = np.full(len(points), period)
@@ -351,7 +339,7 @@ def orbits_of(
         images = mapping.images(crossings[-1], values)
         sound &= images.sound | (periods < period)
         if period % count == 0:
-            back = mapping.distance(points.at, images.points.at, least) < SAME
+            back = mapping.distance(points.at, images.points.at) < SAME
             periods = np.where(images.sound & back & (periods == period), count, periods)
         crossings.append(images.points)
     return [

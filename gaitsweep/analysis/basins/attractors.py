@@ -318,7 +318,8 @@ def attractors(
         The attractor of each row, and the attractors.
 
     Raises:
-        AnalysisError: the table does not have a column or any observable, or a number is not above 0.
+        AnalysisError: the table does not have a column or any observable, a number is not above 0, or rows
+            were not tested for settling.
 
     Example:
         Six rows settle at three phase differences; 0.005 and 6.28 rad are neighbours on the circle:
@@ -335,6 +336,11 @@ def attractors(
             "This table has no observables at the ends of rows (psi_1_end): name the columns."
         )
     require(table, "status")
+    if np.any(table["status"].astype(str) == Status.complete.name):
+        raise AnalysisError(
+            "This table has rows that were simulated for a given time and not tested for settling (status "
+            "complete), so their attractors are unknown: simulate them in a run of kind settle."
+        )
     require_numbers(table, *columns)
     grain = _grain_of(table) if grain is None else grain
     if not grain > 0.0 or not (link is None or link > 0.0):

@@ -19,7 +19,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values, sizes
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, Values
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.errors import ArgumentError
@@ -70,7 +70,7 @@ class ProximityMapper:
             raise ArgumentError(f"There are {len(self._labels)} labels, but {k} points of attractors.")
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
-        self._scale = np.mean(sizes(self._places), axis=1, keepdims=True)
+        self._scale = np.mean(mapping.sizes(self._places), axis=1, keepdims=True)
         away = mapping.difference(self._places[:, :, None], self._places[:, None]) / self._scale[:, None]
         different = self._labels[:, None] != self._labels
         smallest = np.min(np.where(different, np.max(np.abs(away), axis=3), np.inf), axis=(1, 2))

@@ -51,7 +51,8 @@ def fractions(
         level: confidence level of the intervals.
         interval: wilson, clopper_pearson or cells; by default `cells` for grids and `wilson` for others.
             The first two treat starts as independent draws, so they are too wide on a grid. `cells` treats
-            them as one draw from each cell, whose own share is that among the cell and its neighbours.
+            them as one draw from each cell, whose own share is that among the cell and its neighbours; where
+            all starts agree, which leaves no width, the interval is Wilson's.
 
     Returns:
         One record for each panel and outcome: by, outcome, rows, of (rows of the panel), fraction, low, high
@@ -159,12 +160,13 @@ def _shares(
         raise AnalysisError(
             "interval is cells, but the starts do not form a grid: use wilson or clopper_pearson."
         )
-    kind = interval or ("wilson" if grid is None else "cells")
+    usual = interval or ("wilson" if grid is None else "cells")
     total = len(labels)
     for name in names:
         marked = labels == name
         hits = int(marked.sum())
         share = hits / total
+        kind = "wilson" if usual == "cells" and hits in (0, total) else usual
         if kind != "cells":
             low, high = proportion_interval(hits, total, level, kind)
         else:

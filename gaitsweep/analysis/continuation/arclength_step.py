@@ -23,7 +23,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, sizes
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, norms, residuals, scales
 from gaitsweep.engine.poincare.maps import Batch, Map, MapEvaluation, Points
 
 PerBranch = Float[np.ndarray, " branches"]  # a number for each branch
@@ -68,7 +68,8 @@ class ContinuationProblem:
         parameter, low, high: the continuation parameter and its range.
         values: the other parameters, (n,) by name.
         constraints: those of conserved quantities.
-        weights: the weights of the unknowns in the norm of a step, (n, size + k + 1).
+        weights: the weights of the unknowns in the norm of a step, (n, size + k + 1); those of drifts are 0.
+        scales: the scales of the coordinates and of the constrained quantities at the start, (n, size + k).
     """
 
     mapping: Map
@@ -78,6 +79,7 @@ class ContinuationProblem:
     values: dict[str, PerBranch]
     constraints: ConservedConstraints
     weights: Unknowns
+    scales: Float[np.ndarray, "branches equations"]
 
     @classmethod
     def of(
@@ -87,22 +89,27 @@ class ContinuationProblem:
         within: Sequence[float],
         values: dict[str, PerBranch],
         constraints: ConservedConstraints,
-        at: Float[np.ndarray, "branches coordinates"],
+        points: Points,
+        images: MapEvaluation,
     ) -> ContinuationProblem:
-        """The problem with the weights of branches that start at the coordinates `at` (n, size)."""
+        """The problem with the weights of branches that start at some points (n,) with their images."""
         low, high = float(min(within)), float(max(within))
-        n, size = at.shape
-        weights = np.zeros((n, size + len(constraints.which) + 1))
-        weights[:, :size] = 1.0 / (sizes(at) ** 2 * size)
+        size, of_start = points.at.shape[1], scales(mapping, points, images, constraints)
+        weights = np.zeros((len(points), of_start.shape[1] + 1))
+        weights[:, :size] = 1.0 / (of_start[:, :size] ** 2 * size)
         weights[:, -1] = 1.0 / (high - low) ** 2
-        return cls(mapping, parameter, low, high, values, constraints, weights)
+        return cls(mapping, parameter, low, high, values, constraints, weights, of_start)
 
     def __getitem__(
         self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " chosen"]
     ) -> ContinuationProblem:
         values = {name: column[which] for name, column in self.values.items()}
         return dataclasses.replace(
-            self, values=values, constraints=self.constraints[which], weights=self.weights[which]
+            self,
+            values=values,
+            constraints=self.constraints[which],
+            weights=self.weights[which],
+            scales=self.scales[which],
         )
 
     @classmethod
@@ -115,6 +122,7 @@ class ContinuationProblem:
             values={name: np.concatenate([p.values[name] for p in problems]) for name in first.values},
             constraints=dataclasses.replace(first.constraints, values=np.concatenate(constrained)),
             weights=np.concatenate([problem.weights for problem in problems]),
+            scales=np.concatenate([problem.scales for problem in problems]),
         )
 
     def values_at(self, parameter: PerBranch) -> dict[str, PerBranch]:
@@ -224,7 +232,7 @@ class ContinuationProblem:
             drift = branch_points.drift[rows] + change[rows, size:-1]
             miss = residuals(self.mapping, trial, drift, images, problem.constraints)
             beside = np.sum(normal[rows] * change[rows], axis=1) - goal[rows]
-            norm = norms(miss, trial.at)
+            norm = norms(miss, scales(self.mapping, trial, images, problem.constraints))
             sound = images.sound & np.isfinite(norm) & (norm <= PATIENCE * last_norm[rows])
             converged = sound & (norm <= TOLERANCE) & (np.abs(beside) <= 1e-9)
             count[rows[converged]] = number
@@ -235,7 +243,7 @@ class ContinuationProblem:
                 active = rows[goes_on]
                 miss = np.concatenate([miss, beside[:, None]], axis=1)[goes_on]
                 if number > 1:
-                    matrix[active] += _broyden_update(problem[goes_on].weights, step[active], miss)
+                    matrix[active] += _broyden_update(problem[goes_on]._squares(), step[active], miss)
                 step[active] = _solved(matrix[active], -miss)
                 change[active] += step[active]
                 # computed from the image, so that the next points have its discrete modes
@@ -246,7 +254,19 @@ class ContinuationProblem:
 
     def scale(self) -> Unknowns:
         """The scales (n, m) of the unknowns, in which a length is the norm of a step."""
-        return np.where(self.weights > 0.0, self.weights, 1.0) ** -0.5
+        return self._squares() ** -0.5
+
+    def _squares(self) -> Unknowns:
+        """The squares (n, m) of the inverse scales of the unknowns: the weights, and those of drifts."""
+        squares = self.weights.copy()
+        squares[:, self._drifts] = self.scales[:, self._drifts] ** -2
+        return squares
+
+    @property
+    def _drifts(self) -> slice:
+        """The places of the drifts among the unknowns."""
+        k = len(self.constraints.which)
+        return slice(self.scales.shape[1] - k, self.scales.shape[1])
 
     def scaled_equations(
         self, like: Points, unknowns: Unknowns
@@ -256,9 +276,8 @@ class ContinuationProblem:
         Returns:
             Scaled residuals (n, m - 1), NaN where the map is undefined, and their Jacobians (n, m - 1, m).
         """
-        scale, size = self.scale()[0], like.at.shape[1]
-        row_scale = np.ones(len(scale) - 1)
-        row_scale[:size] = sizes(like.at)[0]
+        scale, size, row_scale = self.scale()[0], like.at.shape[1], self.scales[0].copy()
+        row_scale[:size] = self.mapping.sizes(like.at)[0]
         same_branch = np.zeros(len(unknowns), int)
         problem, unscaled = self[same_branch], unknowns * scale
         points = Points(unscaled[:, :size], like[same_branch].modes)
@@ -297,9 +316,12 @@ def _solved(
 
 
 def _broyden_update(
-    weights: Unknowns, step: Unknowns, miss: Unknowns
+    squares: Unknowns, step: Unknowns, miss: Unknowns
 ) -> Float[np.ndarray, "branches unknowns unknowns"]:
-    """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them."""
-    row = np.where(weights > 0.0, weights, 1.0) * step
+    """Broyden's rank-one update (n, m, m) of Jacobians, from steps (n, m) and the residuals after them.
+
+    `squares` (n, m) are those of the inverse scales of the unknowns.
+    """
+    row = squares * step
     row /= np.sum(row * step, axis=1)[:, None]
     return miss[:, :, None] * row[:, None, :]

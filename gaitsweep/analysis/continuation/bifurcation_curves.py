@@ -167,8 +167,8 @@ def followed(
     while len(curve) < steps.most:
         steps.on_progress([len(curve)], [len(curve) / steps.most])
         after = yield from step(equations, before, length)
-        over = equations.kind == "neimark_sacker" and after is not None and _steps_over(before, after)
-        if after is None or after.tangent @ before.tangent < STRAIGHT or over:
+        straight = after is not None and after.tangent @ before.tangent >= STRAIGHT
+        if after is None or not straight or _steps_over(equations, before, after):
             length *= 0.5
             if length >= steps.shortest:
                 continue
@@ -293,7 +293,9 @@ def _leap(
     """The point behind a corner or a jump of the map, where no short step leads over it; else None."""
     for share in JUMPS:
         after = yield from step(equations, before, share * longest)
-        if after is not None and after.tangent @ before.tangent > 0.0:
+        if after is None or _steps_over(equations, before, after):
+            continue
+        if after.tangent @ before.tangent > 0.0:
             return after
     return None
 
@@ -307,9 +309,10 @@ def _share_at(before: CriticalPoint, after: CriticalPoint, home: CriticalPoint) 
     return share if near and after.tangent @ home.tangent > 0.0 else None
 
 
-def _steps_over(before: CriticalPoint, after: CriticalPoint) -> bool:
+def _steps_over(equations: CriticalEquations, before: CriticalPoint, after: CriticalPoint) -> bool:
     """Whether a pair of multipliers meets in a step, behind which the curve leads back along itself."""
-    return bool(np.sin(before.unknowns[-1]) * np.sin(after.unknowns[-1]) < 0.0)
+    is_pair = equations.kind == "neimark_sacker"
+    return is_pair and bool(np.sin(before.unknowns[-1]) * np.sin(after.unknowns[-1]) < 0.0)
 
 
 def _meeting(point: CriticalPoint) -> str:

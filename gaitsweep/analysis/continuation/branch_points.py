@@ -131,7 +131,7 @@ def _kind_of_smooth(
     flat, through = sorted(tangents, key=lambda direction: abs(direction[-1]))
     if abs(flat[-1]) > FLAT:
         return "transcritical"
-    rate = multiplier_rate(branching.w, branching.null, branching.bent, through, flat, at.points, scale)
+    rate = multiplier_rate(problem, at.points, branching.w, branching.null, branching.bent, through, flat)
     last_bend = 0.0
     for longer in LONGER:
         turning = beside(problem, at, _both_ways(at.points, flat * scale), longer * ASIDE)
@@ -184,7 +184,7 @@ def cornered(problem: ContinuationProblem, at: BranchPoints, sides: list[Side]) 
         ways = [*ways[:ours_side], *ways[ours_side + 1 :], *through_corner]
     at = _directed(at, candidates[ours] * np.sign(candidates[ours] @ along) * scale)
     aside = beside(problem, at, ways)
-    return Crossing(_kind_of_halves(sides, halves, throughs, scale), at, aside)
+    return Crossing(_kind_of_halves(problem, sides, halves, throughs), at, aside)
 
 
 def _on_side(at: BranchPoints, side: Side) -> BranchPoints:
@@ -192,9 +192,11 @@ def _on_side(at: BranchPoints, side: Side) -> BranchPoints:
     return dataclasses.replace(at, images=dataclasses.replace(at.images, jacobian=side.jacobian[None]))
 
 
-def _kind_of_halves(sides: list[Side], halves: list[Vector], throughs: list[Vector], scale: Vector) -> str:
+def _kind_of_halves(
+    problem: ContinuationProblem, sides: list[Side], halves: list[Vector], throughs: list[Vector]
+) -> str:
     """The kind of a branch point by the halves of the second branch on both sides of a corner."""
-    rates = [side.rate(through, scale) for side, through in zip(sides, throughs, strict=True)]
+    rates = [side.rate(problem, through) for side, through in zip(sides, throughs, strict=True)]
     turns = [half[-1] for half in halves]
     clear = min(np.abs([throughs[0][-1], *turns])) > FLAT and min(rates) * max(rates) > 0.0
     if len(sides) < 2 or not clear:

@@ -181,7 +181,9 @@ def _followed(
         table.add_failed(int(row), float(begins[row]), NewtonOutcome(int(fixed.outcome[row])).name)
     rows = np.flatnonzero(fixed.converged)
     if rows.size:
-        problem = ContinuationProblem.of(mapping, parameter, within, others, constraints, fixed.points.at)
+        problem = ContinuationProblem.of(
+            mapping, parameter, within, others, constraints, fixed.points, fixed.images
+        )
         sign = float(np.sign(towards))
         first = problem[rows].first(fixed.points[rows], fixed.drift[rows], begins[rows], sign)
         follower = BranchFollower(problem[rows], first, rows, table, steps)

@@ -23,13 +23,13 @@ from gaitsweep.analysis.continuation.arclength_step import BranchPoints, Continu
 from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.floquet_multipliers import critical_multiplier, multipliers
 from gaitsweep.analysis.continuation.lockstep import Computation, Request
-from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals
+from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices, residuals, scales
 from gaitsweep.analysis.continuation.normal_forms import (
     flip_coefficient,
     hopf_form,
     neimark_sacker_coefficient,
 )
-from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points, sizes
+from gaitsweep.engine.poincare.maps import Map, MapEvaluation, Points
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
 
 Vector = Float[np.ndarray, " unknowns"]  # coordinates, drifts, parameters, and theta or beta
@@ -459,8 +459,7 @@ def equations_at(
         The equations, and the unknowns at the bifurcation.
     """
     kind = critical_kind(special)
-    k = len(problem.constraints.which)
-    scale = np.concatenate([sizes(at.points.at)[0], np.ones(k)])
+    scale = scales(problem.mapping, at.points, at.images, problem.constraints)[0]
     parameters = [(problem.parameter, problem.low, problem.high, float(at.parameter[0]))]
     values = {name: column[:1] for name, column in problem.values.items()}
     if second is not None:

@@ -23,7 +23,6 @@ from gaitsweep.engine.poincare.maps import (
     Points,
     Values,
     format_points,
-    sizes,
     wrap_difference,
 )
 from gaitsweep.errors import ArgumentError
@@ -231,7 +230,7 @@ class _Search:
         n = len(starts)
         self.drift, self.iterations = np.zeros((n, len(self.constraints.which))), np.zeros(n, int)
         miss = residuals(mapping, starts, self.drift, self.images, self.constraints)
-        self.residual = norms(miss, starts.at)
+        self.residual = norms(miss, scales(mapping, starts, self.images, self.constraints))
         self.outcome = np.where(self.images.sound, NewtonOutcome.not_converged, NewtonOutcome.left)
         self._mark_converged()
 
@@ -279,7 +278,9 @@ class _Search:
         trial, drift = _moved(self.mapping, self.points[rows], self.drift[rows], self.images[rows], step)
         values = {name: column[rows] for name, column in self.values.items()}
         images = self.mapping.images(trial, values)
-        norm = norms(residuals(self.mapping, trial, drift, images, self.constraints[rows]), trial.at)
+        constraints = self.constraints[rows]
+        miss = residuals(self.mapping, trial, drift, images, constraints)
+        norm = norms(miss, scales(self.mapping, trial, images, constraints))
         accepted = images.sound & (last | (norm < PATIENCE * self.residual[rows]) | (norm <= self.tolerance))
         if accepted.any():
             advanced, trial = rows[accepted], trial[accepted]
@@ -296,9 +297,7 @@ def _steps(
 ) -> tuple[Unknowns, Bool[np.ndarray, " points"]]:
     """The next step (n, size + k), an iterate of the map where singular, and whether it is regular."""
     matrix, miss = matrices(images, constraints), residuals(mapping, points, drift, images, constraints)
-    size = points.at.shape[1]
-    scale = np.ones_like(miss)
-    scale[:, :size] = sizes(points.at)
+    size, scale = points.at.shape[1], scales(mapping, points, images, constraints)
     scaled = matrix * scale[:, None, :] / scale[:, :, None]
     finite = np.all(np.isfinite(scaled), axis=(1, 2))
     solved = np.linalg.cond(np.where(finite[:, None, None], scaled, 0.0)) < SINGULAR
@@ -317,9 +316,17 @@ def _moved(
     return Points(images.points.at + back + step[:, :size], images.points.modes), drift + step[:, size:]
 
 
-def norms(miss: Unknowns, at: Float[np.ndarray, "points coordinates"]) -> Float[np.ndarray, " points"]:
-    """The largest relative residual of each row, (n,); infinite where it is NaN."""
-    scale = np.ones_like(miss)
-    scale[:, : at.shape[1]] = sizes(at)
+def scales(
+    mapping: Map, points: Points, images: MapEvaluation, constraints: ConservedConstraints
+) -> Unknowns:
+    """The scales (n, size + k) of coordinates, and those of constrained quantities, by their gradients."""
+    of_coordinates = mapping.sizes(points.at)
+    changes = images.conserved_jacobian[:, constraints.which] * of_coordinates[:, None]
+    steepness = np.linalg.norm(changes, axis=2)
+    return np.concatenate([of_coordinates, np.where(steepness > 0.0, steepness, 1.0)], axis=1)
+
+
+def norms(miss: Unknowns, scale: Unknowns) -> Float[np.ndarray, " points"]:
+    """The largest residual of each row relative to its scale, (n,); infinite where it is NaN."""
     with np.errstate(invalid="ignore"):
         return np.nan_to_num(np.max(np.abs(miss) / scale, axis=1), nan=np.inf)

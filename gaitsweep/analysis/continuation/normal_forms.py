@@ -28,8 +28,9 @@ from gaitsweep.analysis.continuation.floquet_multipliers import (
     multipliers,
 )
 from gaitsweep.analysis.continuation.newton import ConservedConstraints, matrices
-from gaitsweep.engine.poincare.maps import MapEvaluation, Points, Values, sizes
+from gaitsweep.engine.poincare.maps import MIN_SCALE, MapEvaluation, Points, Values
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, flow_derivatives, linearised_flow
+from gaitsweep.errors import ArgumentError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,12 +64,17 @@ def hopf_form(mapping: StationaryMap, at: Points, values: Values) -> HopfForm:
         mapping: the map of the flow's stationary points.
         at: the Hopf point.
         values: the parameters there.
+
+    Raises:
+        ArgumentError: no two eigenvalues of the flow are complex there.
     """
     values_at = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     hopf_point = values_at, at.at[0], at[0].modes
     J = np.asarray(linearised_flow(mapping)(*hopf_point)[1])
     eigenvalues = np.linalg.eigvals(J)
     upper = eigenvalues[np.imag(eigenvalues) > 0.0]
+    if not upper.size:
+        raise ArgumentError("The point is no Hopf point: all eigenvalues of the flow are real there.")
     eigenvalue, q, p = critical_eigenvectors(J, complex(upper[np.argmin(np.abs(np.real(upper)))]))
     a, b, frequency = np.real(q), np.imag(q), eigenvalue.imag
 
@@ -168,7 +174,7 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     if isinstance(problem.mapping, StationaryMap) and kind == "neimark_sacker":
         return hopf_form(problem.mapping, at.points, problem.values_at(at.parameter)).l1
     # an angle is measured in rad wherever it is cut
-    of_coordinates = np.where(problem.mapping.circular, 1.0, sizes(at.points.at)[0])
+    of_coordinates = np.where(problem.mapping.circular, 1.0, MIN_SCALE + np.abs(at.points.at[0]))
     size, constraints = len(of_coordinates), problem.constraints
     # a conserved quantity by its gradient, whatever its unit
     steepness = np.linalg.norm(at.images.conserved_jacobian[0, constraints.which] * of_coordinates, axis=1)
@@ -181,7 +187,10 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     if not np.linalg.norm(p) < LARGEST_LEFT:
         return float("nan")
     directions = [np.real(q)] if kind != "neimark_sacker" else [np.real(q), np.imag(q)]
-    beside = [sign * BESIDE * u[:size] for u in directions for sign in (1.0, -1.0)]
+    # less far along coordinates whose scale in the map is smaller
+    own = np.where(problem.mapping.circular, 1.0, problem.mapping.sizes(at.points.at)[0])
+    step = BESIDE / max(1.0, *(np.max(np.abs(u[:size]) * of_coordinates / own) for u in directions))
+    beside = [sign * step * u[:size] for u in directions for sign in (1.0, -1.0)]
     first_branch = np.zeros(len(beside), int)
     points = Points(at.points.at + np.stack(beside) * of_coordinates, at.points[first_branch].modes)
     images = problem[first_branch].evaluated(points, at.parameter[first_branch])
@@ -191,8 +200,8 @@ def coefficient(problem: ContinuationProblem, at: BranchPoints, kind: str) -> fl
     if not np.isfinite(jacobians).all():
         return float("nan")
     pairs = list(zip(jacobians[::2], jacobians[1::2], strict=True))
-    first = [(ahead - behind) / (2.0 * BESIDE) for ahead, behind in pairs]
-    second = [(ahead - 2.0 * J + behind) / BESIDE**2 for ahead, behind in pairs]
+    first = [(ahead - behind) / (2.0 * step) for ahead, behind in pairs]
+    second = [(ahead - 2.0 * J + behind) / step**2 for ahead, behind in pairs]
     if kind == "neimark_sacker":
         return neimark_sacker_coefficient(J, E, q, p, multiplier, first, second)
     q, p = np.real(q), np.real(p)

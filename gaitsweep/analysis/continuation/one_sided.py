@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints, ContinuationProblem
-from gaitsweep.analysis.continuation.newton import along, sizes
+from gaitsweep.analysis.continuation.newton import along
 from gaitsweep.engine.poincare.maps import Points
 
 Vector = Float[np.ndarray, " unknowns"]
@@ -65,9 +65,9 @@ class Side:
     null: Plane
     bent: Plane
 
-    def rate(self, through: Vector, scale: Vector) -> float:
+    def rate(self, problem: ContinuationProblem, through: Vector) -> float:
         """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`."""
-        return multiplier_rate(self.w, self.null, self.bent, through, self.outward, self.points, scale)
+        return multiplier_rate(problem, self.points, self.w, self.null, self.bent, through, self.outward)
 
     def half(self, through: Vector) -> Vector:
         """The tangent, into this side, of the other branch than that which goes `through`."""
@@ -77,25 +77,25 @@ class Side:
 
 
 def multiplier_rate(
+    problem: ContinuationProblem,
+    points: Points,
     w: Float[np.ndarray, " equations"],
     null: Plane,
     bent: Plane,
     through: Vector,
     eigenvector: Vector,
-    points: Points,
-    scale: Vector,
 ) -> float:
     """A number with the sign of d(multiplier)/d(parameter) on the branch that goes `through`.
 
     Args:
+        problem: the continuation problem, of one branch.
+        points: the branch point (1,).
         w, null, bent: as in `branch_points`.
         through: the tangent (m,) of the branch, in scaled unknowns.
         eigenvector: the eigenvector (m,) of the multiplier 1, in scaled unknowns.
-        points: the branch point (1,).
-        scale: the scales (m,) of the unknowns.
     """
     change = (null @ through) @ (bent @ eigenvector)
-    return float(change * (_projection(w, points) @ (scale * eigenvector)) * np.sign(through[-1]))
+    return float(change * (_projection(problem, w, points) @ eigenvector) * np.sign(through[-1]))
 
 
 def crossing_tangents(null: Plane, bent: Plane) -> Plane | None:
@@ -119,7 +119,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     if not (np.isfinite(miss).all() and np.isfinite(J).all()):
         return []
     w, _, null = singular_vectors(J[0])
-    critical, component = _critical(null), _projection(w, at.points) * scale
+    critical, component = _critical(null), _projection(problem, w, at.points)
     if component @ critical == 0.0:
         return []
     tried = _displacements(problem, at, component / (component @ critical), critical)
@@ -133,7 +133,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
         for k in np.flatnonzero(images.sound):
             push = np.eye(len(z))
             push[:size, :size] = images.jacobian[k] * scale[:size] / scale[:size, None]
-            push[:size, size:-1] = -spread / scale[:size, None]
+            push[:size, size:-1] = -spread * scale[size:-1] / scale[:size, None]
             push[:size, -1] = images.d_parameter[k] * scale[-1] / scale[:size]
             image = Points(images.points.at[[k]] - spread @ at.drift[0], images.points[[k]].modes)
             side = _side(problem, at, image, push, sign * ALONG * tried[k])
@@ -190,7 +190,7 @@ def _side(
         return None
     w, _, null = singular_vectors(J[0])
     outward = _critical(null)
-    across = _projection(w, points) * scale
+    across = _projection(problem, w, points)
     outward = outward * np.sign((across @ moved) * (across @ outward))
     steps = ALONG * np.arange(1.0, 4.0)[:, None] * outward
     miss, jacobians = problem.scaled_equations(points, z + steps)
@@ -220,7 +220,7 @@ def _side(
     tangents = crossing_tangents(basis, bent)
     if tangents is None:
         return None
-    row_scale = sizes(points.at)[0]
+    row_scale = problem.mapping.sizes(points.at)[0]
     jacobian = J0[:size, :size] * row_scale[:, None] / scale[:size] + np.eye(size)
     return Side(points, push, near, outward, tangents, jacobian, w, basis, bent)
 
@@ -238,9 +238,9 @@ def _critical(null: Plane) -> Vector:
     return vector / length if length > 0.0 else null[0]
 
 
-def _projection(w: Float[np.ndarray, " equations"], points: Points) -> Vector:
-    """The left null vector w of the scaled equations, as a covector (m,) of the coordinates."""
+def _projection(problem: ContinuationProblem, w: Float[np.ndarray, " equations"], points: Points) -> Vector:
+    """The left null vector w of the scaled equations, as a covector (m,) of the scaled coordinates."""
     size = points.at.shape[1]
     covector = np.zeros(len(w) + 1)
-    covector[:size] = w[:size] / sizes(points.at)[0]
-    return covector
+    covector[:size] = w[:size] / problem.mapping.sizes(points.at)[0]
+    return covector * problem.scale()[0]

@@ -15,7 +15,17 @@ from numpy.typing import ArrayLike
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity, State
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Events, Image, Points, Values, column, group_of
+from gaitsweep.engine.poincare.maps import (
+    MIN_SCALE,
+    Coordinates,
+    Events,
+    Image,
+    ManyCoordinates,
+    Points,
+    Values,
+    column,
+    group_of,
+)
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.errors import ArgumentError
 
@@ -73,6 +83,9 @@ class PlainMap(FollowedMap):
                 near = near_miss.suggestion(name, defaults)
                 raise ArgumentError(f"{name} is not a parameter of the map{near}")
         return {name: column(name, value, n) for name, value in {**defaults, **values}.items()}
+
+    def sizes(self, at: ManyCoordinates) -> ManyCoordinates:
+        return MIN_SCALE + np.abs(at)
 
     @property
     def durations(self) -> tuple[str, ...]:

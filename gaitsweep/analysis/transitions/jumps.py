@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from gaitsweep.analysis.records import (
     AnalysisError,
     axes_of,
+    is_true,
     require,
     require_numbers,
     require_single_records,
@@ -219,7 +220,7 @@ def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Co
         if not stairs:
             value = scipy.ndimage.uniform_filter1d(value, SMOOTH, mode="nearest")
         elif "settled" in part.columns:
-            settled = part["settled"].to_numpy(bool)[begin:]
+            settled = is_true(part, "settled")[begin:]
         else:
             settled = np.ones(len(value), bool)
         parameters, passes = part[parameter].to_numpy(float)[begin:], part["pass"].to_numpy(int)[begin:]

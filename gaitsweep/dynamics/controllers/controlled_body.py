@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -309,8 +309,9 @@ def _level_of_ground(m: Any) -> float:
 class Trunk:
     """Place and heading of the trunk, by its free joint or its slides, hinges and balls.
 
-    The trunk is the first body with a joint among those that carry all feet; of a robot that is fixed to the
-    world, whose legs alone have joints, it is the first body.
+    The trunk is the first body with a joint among those that carry all feet, or the body that the arms of a
+    boom carry, which turn in place; of a robot that is fixed to the world, whose legs alone have joints, it
+    is the first body.
 
     Args:
         m: the compiled MJCF.
@@ -322,39 +323,49 @@ class Trunk:
 
         kinds = mujoco.mjtJoint
         carriers = set.intersection(*(set(_carriers(m, int(m.geom(foot).bodyid[0]))) for foot in feet))
-        body = min((b for b in carriers if m.body_jntnum[b]), default=1)
-        joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] == body]
+        first = min((b for b in carriers if m.body_jntnum[b]), default=1)
         data = mujoco.MjData(m)
         mujoco.mj_kinematics(m, data)
-        parent = int(m.body_parentid[body])  # static
-        turn = data.xmat[parent].reshape(3, 3)
-        orientation = np.zeros(9)
-        mujoco.mju_quat2Mat(orientation, m.body_quat[body])
         self._m = m
         self._data = data  # at qpos0
-        self._body = body
-        self._at = data.xpos[parent] + turn @ m.body_pos[body]
-        self._orientation = turn @ orientation.reshape(3, 3)
+        self._bodies = self._arms(first, carriers)
+        self._body = self._bodies[-1]
+        joints = [j for j in range(m.njnt) if m.jnt_bodyid[j] in self._bodies]
         self._free = (
             int(m.jnt_qposadr[joints[0]]) if joints and m.jnt_type[joints[0]] == kinds.mjJNT_FREE else None
         )
-        # turns about the body's origin move nothing but the slides after them
-        while joints and m.jnt_type[joints[-1]] != kinds.mjJNT_SLIDE and not m.jnt_pos[joints[-1]].any():
+        # turns about its own origin move nothing but the slides after them
+        while joints and m.jnt_bodyid[joints[-1]] == self._body:
+            if m.jnt_type[joints[-1]] == kinds.mjJNT_SLIDE or m.jnt_pos[joints[-1]].any():
+                break
             joints.pop()
         self._joints = {j: kinds(m.jnt_type[j]).name.removeprefix("mjJNT_").lower() for j in joints}
         # a boom: its hinge turns the trunk, which walks around it
         on_boom = any(k == "hinge" and abs(data.xaxis[j][2]) > _ALONG for j, k in self._joints.items())
         self._turns = self._free is not None or on_boom
 
+    def _arms(self, first: int, carriers: Iterable[int]) -> list[int]:
+        """The `first` body with a joint, and if it is an arm of a boom, those behind it up to the trunk."""
+        behind = sorted(b for b in carriers if b >= first)
+        number = next((k for k, body in enumerate(behind) if self._is_moved(body)), 0)
+        arms = behind[:number]
+        hinges = [j for j in range(self._m.njnt) if self._m.jnt_bodyid[j] in arms]
+        on_boom = any(abs(self._data.xaxis[j][2]) > _ALONG for j in hinges)
+        return behind[: number + 1] if on_boom else [first]
+
     @property
     def moves(self) -> bool:
         """Whether its joints move it along the ground."""
+        return self._is_moved(self._body)
+
+    def _is_moved(self, body: int) -> bool:
+        """Whether joints move a body along the ground."""
         import mujoco
 
         data = mujoco.MjData(self._m)
         data.qpos[:] = self._m.qpos0 + np.random.default_rng(0).uniform(0.1, 1.0, self._m.nq)
         mujoco.mj_kinematics(self._m, data)
-        return bool(abs(data.xpos[self._body] - self._data.xpos[self._body])[:2].max() > _LEVEL)
+        return bool(abs(data.xpos[body] - self._data.xpos[body])[:2].max() > _LEVEL)
 
     def place(self, q: Float[Array, " nq"]) -> Float[Array, " 3"]:
         """Its place (3,), m: the origin of the body in the world."""
@@ -364,20 +375,30 @@ class Trunk:
 
     def _pose(self, q: Float[Array, " nq"]) -> tuple[Any, Any]:
         """Its place (3,), m, and its orientation (3, 3) without the turns that do not move it."""
+        import mujoco
+
         m = self._m
-        place: Any = self._at
-        turn: Any = self._orientation
-        for j, kind in self._joints.items():
-            at = int(m.jnt_qposadr[j])
-            axis = np.array(m.jnt_axis[j])
-            anchor = np.array(m.jnt_pos[j])
-            moved = q[at] - float(m.qpos0[at])
-            if kind == "slide":
-                place = place + moved * (turn @ axis)
-                continue
-            spun = rotation_about(axis, moved) if kind == "hinge" else rotation_of(q[at : at + 4])
-            place = place + turn @ anchor - turn @ spun @ anchor
-            turn = turn @ spun
+        parent = int(m.body_parentid[self._bodies[0]])  # static
+        place: Any = self._data.xpos[parent]
+        turn: Any = self._data.xmat[parent].reshape(3, 3)
+        for body in self._bodies:
+            orientation = np.zeros(9)
+            mujoco.mju_quat2Mat(orientation, m.body_quat[body])
+            place = place + turn @ m.body_pos[body]
+            turn = turn @ orientation.reshape(3, 3)
+            for j, kind in self._joints.items():
+                if m.jnt_bodyid[j] != body:
+                    continue
+                at = int(m.jnt_qposadr[j])
+                axis = np.array(m.jnt_axis[j])
+                anchor = np.array(m.jnt_pos[j])
+                moved = q[at] - float(m.qpos0[at])
+                if kind == "slide":
+                    place = place + moved * (turn @ axis)
+                    continue
+                spun = rotation_about(axis, moved) if kind == "hinge" else rotation_of(q[at : at + 4])
+                place = place + turn @ anchor - turn @ spun @ anchor
+                turn = turn @ spun
         return place, turn
 
     def ahead(self, q: Float[Array, " nq"], begin: Float[Array, " 2"]) -> Float[Array, ""]:

@@ -32,7 +32,6 @@ Coordinates = Float[Array, " coordinates"]
 Image = tuple[Coordinates, State, Integer, dict[str, Real[Array, ""]]]
 # coordinates of many points
 ManyCoordinates = Float[np.ndarray, "... coordinates"]
-LeastSizes = Float[np.ndarray, " coordinates"] | float  # the least scale of each coordinate, or of all
 
 
 class Batch:
@@ -142,6 +141,10 @@ class Map(abc.ABC):
         """The quantities that the map conserves."""
 
     @abc.abstractmethod
+    def sizes(self, at: ManyCoordinates) -> ManyCoordinates:
+        """The scale of each of some coordinates (..., size): a least one plus its magnitude."""
+
+    @abc.abstractmethod
     def follow(self, values: Values, at: Coordinates, modes: State) -> Image:
         """The image of one point, in JAX.
 
@@ -218,11 +221,9 @@ class Map(abc.ABC):
         """The difference a - b of coordinates (..., size); differences of angles are wrapped."""
         return wrap_difference(a - b, self.circular)
 
-    def distance(
-        self, a: ManyCoordinates, b: ManyCoordinates, least: LeastSizes = MIN_SCALE
-    ) -> Float[np.ndarray, " ..."]:
+    def distance(self, a: ManyCoordinates, b: ManyCoordinates) -> Float[np.ndarray, " ..."]:
         """The largest difference of a coordinate, relative to its scale; inf where a difference is NaN."""
-        share = np.abs(self.difference(a, b)) / sizes(a, least)
+        share = np.abs(self.difference(a, b)) / self.sizes(a)
         return np.nan_to_num(np.max(share, axis=-1), nan=np.inf)
 
     def images(self, points: Points, values: Values) -> MapEvaluation:
@@ -273,6 +274,9 @@ class DerivedMap(Map):
     @property
     def conserved(self) -> tuple[Quantity, ...]:
         return self.base.conserved
+
+    def sizes(self, at: ManyCoordinates) -> ManyCoordinates:
+        return self.base.sizes(at)
 
     @property
     def durations(self) -> tuple[str, ...]:
@@ -356,11 +360,6 @@ def column(name: str, value: Any, n: int) -> Float[np.ndarray, " points"]:
     if column.shape not in ((), (1,), (n,)):
         raise ArgumentError(f"{name} has {column.size} values, but there are {n} points.")
     return np.broadcast_to(column, (n,)).copy()
-
-
-def sizes(at: ManyCoordinates, least: LeastSizes = MIN_SCALE) -> ManyCoordinates:
-    """The scale of each of some coordinates (..., size): `least` plus its magnitude."""
-    return least + np.abs(at)
 
 
 def wrap_difference(

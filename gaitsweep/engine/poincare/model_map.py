@@ -21,7 +21,16 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import refuse_fork
 from gaitsweep.engine.poincare import map_derivatives
 from gaitsweep.engine.poincare.map_derivatives import FollowedMap
-from gaitsweep.engine.poincare.maps import Coordinates, Image, Points, Values, column, group_of
+from gaitsweep.engine.poincare.maps import (
+    MIN_SCALE,
+    Coordinates,
+    Image,
+    ManyCoordinates,
+    Points,
+    Values,
+    column,
+    group_of,
+)
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import functions_of, names_used, resolve
@@ -36,10 +45,14 @@ class ModelMap(FollowedMap):
     Args:
         model: the model.
         settings: (name, number or formula) of the parameters that are not at their defaults.
+        least: the least scale of each coordinate, (size,) or one for all; it decides no program.
     """
 
     model: Model
     settings: tuple[tuple[str, float | str], ...] = ()
+    least: Float[np.ndarray, " coordinates"] | float = dataclasses.field(
+        default=MIN_SCALE, kw_only=True, compare=False
+    )
 
     @cached_property
     def chart(self) -> Chart:
@@ -66,6 +79,9 @@ class ModelMap(FollowedMap):
     @property
     def conserved(self) -> tuple[Quantity, ...]:
         return self.chart.conserved
+
+    def sizes(self, at: ManyCoordinates) -> ManyCoordinates:
+        return self.least + np.abs(at)
 
     @property
     def durations(self) -> tuple[str, ...]:

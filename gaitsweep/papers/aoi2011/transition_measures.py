@@ -95,7 +95,7 @@ def bistable_ranges(
 
     lengths = []
     for group, holds in table.groupby(by, sort=True, observed=True):
-        settled = masked(holds, holds["settled"].astype(bool))
+        settled = masked(holds, holds["settled"].eq(True))
         if settled.empty:
             raise AnalysisError(f"No hold settled at {by} = {group}.")
         stairs = settled.groupby(settled[parameter].round(9))

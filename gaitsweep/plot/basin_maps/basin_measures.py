@@ -53,6 +53,9 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text
+    if figure.hue == "attractor" and table.run.kind_name == "fixed_time":
+        text = "is attractor, but a run of kind fixed_time does not test whether rows settle: use settle."
+        yield ("hue",), text
 
 
 @figure_kind("settle", "fixed_time", check=_check, added_columns=("attractor",))

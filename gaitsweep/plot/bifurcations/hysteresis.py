@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox, ScaledTranslation
 
-from gaitsweep.analysis.records import sound
+from gaitsweep.analysis.records import is_true, sound
 from gaitsweep.analysis.transitions.jumps import LEAST_JUMP
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
@@ -411,7 +411,7 @@ def _key(shown: list[Panel], columns: Columns, colours: set[str], jumps: Mapping
         look: dict[str, Any] = {"color": colour, "ls": LINES[colour], "marker": marker if stairs else ""}
         jump = f", jumps at {jumps[colour]}" if colour in jumps else ""
         handles.append(Line2D([], [], label=f"{parameter} {words}{jump}", **marker_look(), **look))
-    if any("settled" in stair.columns and not stair["settled"].to_numpy(bool).all() for stair in stairs):
+    if any("settled" in stair.columns and not is_true(stair, "settled").all() for stair in stairs):
         look = {"ls": "", "marker": "^", "mfc": "white", "color": "#555555"}
         handles.append(Line2D([], [], label="hold not settled", **marker_look(), **look))
     return handles

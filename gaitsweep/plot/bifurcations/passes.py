@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.transforms import ScaledTranslation
 
-from gaitsweep.analysis.records import sound
+from gaitsweep.analysis.records import is_true, sound
 from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
     STEEPER,
@@ -302,7 +302,7 @@ def _draw_row(
     order = records["stair" if stairs else "crossing"].to_numpy(int)
     settled = np.ones(len(records), bool)
     if "settled" in records.columns:
-        settled = records["settled"].to_numpy(bool)
+        settled = is_true(records, "settled")
     passes = []
     for number in np.unique(pass_numbers):
         of_pass = np.flatnonzero(pass_numbers == number)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.records import in_order, outcome_labels, sound
+from gaitsweep.analysis.records import in_order, is_true, outcome_labels, sound
 from gaitsweep.angles import branch_cut
 from gaitsweep.design import Design
 from gaitsweep.job import Job
@@ -239,7 +239,7 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
         hollow = np.asarray(table["stable"].astype(object) == False)  # noqa: E712 - also missing values
         suffix = "unstable"
     elif "settled" in table.columns:
-        hollow = ~table["settled"].to_numpy(bool)
+        hollow = ~is_true(table, "settled")
         suffix = Outcome.NOT_SETTLED
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
