@@ -587,7 +587,8 @@ def test_orbits_of_other_periods_have_no_influence(
         model=SimpleNamespace(observables=place, original=None),
         coordinates=place,
         difference=np.subtract,
-        distance=lambda a, b, least: np.abs(a - b).max(axis=-1),
+        sizes=lambda at: 0.1 + np.abs(at),
+        distance=lambda a, b: np.abs(a - b).max(axis=-1),
     )
     displaced = unstable_rests._DisplacedStates(
         mapping,
