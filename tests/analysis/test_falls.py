@@ -196,6 +196,14 @@ def test_rows_without_a_fall_give_a_lower_bound() -> None:
     assert steps_to_fall(fell, after=60)[["rows", "falls", "tried"]].iloc[0].tolist() == [2, 1, 101]
 
 
+def test_the_mean_is_unknown_where_all_rows_fell_before_the_steps_that_count() -> None:
+    fell_early = pd.DataFrame({"cycles": [3, 4], "status": ["fell", "fell"]})
+    found = steps_to_fall(fell_early).to_dict("records")[0]
+    assert (found["rows"], found["falls"], found["tried"], found["low"]) == (0, 0, 0, 1.0)
+    assert np.isnan(found["steps"])
+    assert np.isinf(found["high"])
+
+
 def test_other_ends_and_arguments_are_refused() -> None:
     table = pd.DataFrame({"cycles": [10], "status": ["diverged"]})
     with pytest.raises(AnalysisError, match="1 rows ended as diverged"):

@@ -323,6 +323,10 @@ FAULTS = {
         "z_0": variable("m", "a variable named as the start of z", 1.0),
         **_flows(z_0=lambda s: 0.0),
     },
+    "observable r_1 has the name of a parameter": {
+        "r_1": parameter("1", "a parameter named as the first of r", 1.0),
+        "r": observable("1", "r", count=2)(lambda self, p, s: jnp.stack([s.z, s.v])),
+    },
     r"a gait named '\$\\\\bm{a}\$', which Matplotlib cannot set": {"gaits": (r"$\bm{a}$", "b")},
     r"a limb named '\$\\\\bm{l}\$', which": {"limbs": property(lambda self: (LimbLook(r"$\bm{l}$"),))},
     r"an event named '\$\\\\bm{e}\$', which": {"high": event(r"$\bm{e}$")(lambda self, p, s: s.z - 2.0)},
