@@ -141,6 +141,12 @@ def test_the_spread_is_that_of_the_noise() -> None:
     assert result.loc[0, "gait"] == "trot"
 
 
+def test_phases_are_below_one_cycle_also_by_rounding() -> None:
+    onsets = np.tile(np.arange(1.0, 9.0), (4, 1))
+    onsets[LEGS.index("RH"), 1] = np.nextafter(2.0, 0.0)
+    assert 0.0 <= _gaits(onsets[None]).loc[0, "phase_RH"] < 1.0
+
+
 def test_large_scatter_is_unsteady() -> None:
     assert _gait(_steps("trot", noise=0.1)) == "unsteady"
     wander = _steps("trot", cycles=20)

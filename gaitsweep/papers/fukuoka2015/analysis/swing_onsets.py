@@ -250,7 +250,8 @@ def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, OfRows]:
     def add(name: str, leg: str, other: str, lowest: float) -> OfRows:
         """Add the mean phase of a leg in the cycles of another, from `lowest`, its length and spread."""
         mean, length = _mean(*_phases(by_leg[leg], by_leg[other]), count)
-        columns[name] = (mean - lowest) % 1.0 + lowest
+        # twice, since by rounding the share of a small negative phase is 1
+        columns[name] = (mean - lowest) % 1.0 % 1.0 + lowest
         columns[f"length_{name}"] = length
         deviation = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300))))  # rad
         columns[f"spread_{name}"] = deviation / (2.0 * math.pi)
@@ -260,7 +261,7 @@ def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, OfRows]:
     delta_1 = add("delta_1", hind_1, fore_1, -0.5)
     delta_2 = add("delta_2", hind_2, fore_2, -0.5)
     between = add("antiphase", fore_2, fore_1, 0.0)
-    columns["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0
+    columns["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0 % 1.0
     for leg in LEGS:
         add(f"phase_{leg}", leg, "LF", 0.0)
     return columns
