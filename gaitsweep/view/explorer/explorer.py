@@ -102,7 +102,9 @@ def write_explorer(
     context = prepare(job)
     table = _labelled(table, context)
     if not len(table):
-        raise ArgumentError("The atlas found no gait, so there is nothing to explore.")
+        is_map = job.run.kind_name == "return_map"
+        reason = "No row returned to the section" if is_map else "The atlas found no gait"
+        raise ArgumentError(f"{reason}, so there is nothing to explore.")
     varied = context.design.names
     shown = map_of(table, job, x, y, _most_records(table, varied, _TABLE_SHARE * room))
     fields = _table_fields(shown, varied, table.attrs)

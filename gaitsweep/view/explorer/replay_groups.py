@@ -417,4 +417,5 @@ def _groups_of_records(table: pd.DataFrame, context: RunContext, most: int) -> l
         return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)]
     rows = np.sort(_spread(rows, max(1, most // 2)))
     count = int(min(_MAX_WINDOWS, max(2, most // len(rows))))
-    return [ReplayRamp(table, context, rows, count)]
+    ramp = ReplayRamp(table, context, rows, count)
+    return [ramp] if len(ramp.records) else []  # none has records after its start
