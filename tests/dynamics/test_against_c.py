@@ -178,7 +178,9 @@ def test_a_different_motion_is_reported(monkeypatch: Any, tmp_path: Path) -> Non
         at_first_use(model_of(STANDING.format("box")))
 
 
-def test_other_numbers_in_a_control_are_compared_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_numbers_in_a_control_are_compared_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also those of an array, which the text of a jaxpr does not have."""
     monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
     monkeypatch.setattr(against_c, "_sentences", lambda model, control: [str(control)])
