@@ -102,10 +102,21 @@ def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
     assert few["note"].iloc[-1].startswith("fewer than 20 falls")
 
 
+@pytest.mark.slow
+def test_each_of_several_starts_has_its_falls() -> None:
+    wheel = gs.return_map(RimlessWheel(), roughness=0.2, rate_0=[1.0, 1.1])
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=1, scales=[1.0])
+    assert table["rate_0"].tolist() == [1.0, 1.1]
+    assert table["steps"].notna().all()
+
+
 def test_what_rare_falls_cannot_count_is_refused() -> None:
     wheel = gs.return_map(RimlessWheel(), roughness=0.03)
     with pytest.raises(gs.ArgumentError, match="roughness of this map has several values"):
         gs.return_map(RimlessWheel(), roughness=[0.02, 0.03]).rare_falls("roughness", drawn)
+    starts = gs.return_map(RimlessWheel(), roughness=0.2, rate_0=[1.0, 1.1])
+    with pytest.raises(gs.ArgumentError, match="rate_0 of this map has several values"):
+        starts.rare_falls("roughness", drawn)
     with pytest.raises(gs.ArgumentError, match="seed has several values"):
         gs.return_map(RimlessWheel(), roughness=0.1, seed=[1, 2]).steps_to_fall("roughness", drawn)
     with pytest.raises(AnalysisError, match=r"rouhness is not a parameter .*did you mean roughness"):
