@@ -105,7 +105,7 @@ def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
 @pytest.mark.slow
 def test_each_of_several_starts_has_its_falls() -> None:
     wheel = gs.return_map(RimlessWheel(), roughness=0.2, rate_0=[1.0, 1.1])
-    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=1, scales=[1.0])
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=2, scales=[1.0])
     assert table["rate_0"].tolist() == [1.0, 1.1]
     assert table["steps"].notna().all()
 
