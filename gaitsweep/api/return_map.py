@@ -173,8 +173,9 @@ class PoincareMap(FixedPointsOfModel):
             by which later crossings come early, per unit of the push.
 
         Raises:
-            ArgumentError: the map has no derivative; the gait is unstable, or its period changes along a
-                family of gaits; a name is no variable of the flow; a phase is outside its range.
+            ArgumentError: the map has no derivative; x is no gait, an unstable one, or one whose period
+                changes along a family of gaits; a name is no variable of the flow; a phase is outside its
+                range.
 
         Example:
             A clock on a circle gains -sin(2 pi phase) / (2 pi) by a push along x (Winfree 2001, The Geometry
