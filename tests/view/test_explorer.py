@@ -221,6 +221,16 @@ def test_a_ramp_that_ends_before_its_first_crossing_has_no_walks(tmp_path: Path)
     assert (len(fields["walks"]), len(fields["outcome"])) == (0, 2)
 
 
+def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
+    stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
+    ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
+    for run in (stairs, ramp):
+        out = tmp_path / run.kind_name
+        numerics = {"dt": 0.05}
+        result = gs.sweep("double_well:DoubleWell", numerics=numerics, run=run, verify=0, out=out)
+        assert len(fields_of(result.explore(replays=1))["walks"]) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "x", "y"),
