@@ -221,6 +221,15 @@ def test_a_ramp_that_ends_before_its_first_crossing_has_no_walks(tmp_path: Path)
     assert (len(fields["walks"]), len(fields["outcome"])) == (0, 2)
 
 
+@pytest.mark.parametrize("stiffness", [[0.0], [0.0, 4.0]])
+def test_a_row_without_a_nominal_period_is_shown(tmp_path: Path, stiffness: list[float]) -> None:
+    hold = gs.FixedTime(duration=3.0)
+    with pytest.warns(UserWarning, match="period"):
+        result = gs.sweep("smooth_oscillators:Spring", k=stiffness, run=hold, verify=0, out=tmp_path / "out")
+    assert result.table["status"].iloc[0] == "not_a_number"
+    assert len(fields_of(result.explore())["walks"]) == len(stiffness)
+
+
 def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
     stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)

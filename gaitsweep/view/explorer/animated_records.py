@@ -242,4 +242,5 @@ class AnimatedRecords:
         beside = f", {self._beside} of them beside a boundary" if self._beside and not full else ""
         different = sum("later" in walk or "apart" in walk for walk in walks)
         differ = f"; {different} of them differ from the table, as the page shows" if different else ""
-        return f"{len(walks)} of {total} {noun} are animated{beside}{full}{differ}."
+        verb = "is" if total == 1 else "are"
+        return f"{len(walks)} of {total} {noun} {verb} animated{beside}{full}{differ}."
