@@ -230,6 +230,19 @@ def test_a_row_without_a_nominal_period_is_shown(tmp_path: Path, stiffness: list
     assert len(fields_of(result.explore())["walks"]) == len(stiffness)
 
 
+def test_the_walks_of_a_ramp_do_not_depend_on_the_order_of_records(tmp_path: Path) -> None:
+    ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
+    out = tmp_path / "ramp"
+    result = gs.sweep("double_well:DoubleWell", numerics={"dt": 0.05}, run=ramp, verify=0, out=out)
+    mixed: Any = result.table.sample(frac=1.0, random_state=0)
+    crossings = []
+    for shown in (result, Result(table=mixed)):
+        fields = fields_of(shown.explore(tmp_path / "page.html", replays=4))
+        columns = {column["name"]: column["values"] for column in fields["columns"]}
+        crossings.append([columns["crossing"][walk["record"]] for walk in fields["walks"]])
+    assert crossings[0] == crossings[1] == [100, 200, 300, 400]
+
+
 def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
     stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
