@@ -243,6 +243,16 @@ def test_the_walks_of_a_ramp_do_not_depend_on_the_order_of_records(tmp_path: Pat
     assert crossings[0] == crossings[1] == [100, 200, 300, 400]
 
 
+def test_a_row_of_a_map_has_its_last_gait_whatever_the_order_of_records(tmp_path: Path) -> None:
+    cross = gs.ReturnMap(crossings=99)
+    model = "double_well:DoubleWell"
+    result = gs.sweep(model, x_0=[-0.01], lean=1.0, run=cross, verify=0, out=tmp_path / "map")
+    assert result.table["x_n"].iloc[[0, -1]].gt(0.0).tolist() == [False, True]
+    for table in (result.table, result.table.iloc[::-1]):
+        fields = fields_of(Result(table=table).explore(tmp_path / "page.html"))
+        assert {fields["outcomes"][number]["name"] for number in fields["outcome"]} == {"right"}
+
+
 def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
     stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
