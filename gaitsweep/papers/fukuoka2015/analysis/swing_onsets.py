@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.analyses import AnalysisError, require
+from gaitsweep.analyses import AnalysisError, require, require_single_records
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
     LEGS,
@@ -50,10 +50,11 @@ def onsets_in(
         One record an onset: row, leg, t (s), status where the trace has it.
 
     Raises:
-        AnalysisError: the table does not have a column, or a leg is unknown.
+        AnalysisError: the table does not have a column, a leg is unknown, or a row has two samples of a time.
     """
     require(trace, "row", "t", *signals.values())
     require_legs(signals)
+    require_single_records(trace, "t")
     trace = trace.sort_values(["row", "t"], kind="stable")
     row, t = trace["row"].to_numpy(), trace["t"].to_numpy(float)
     way = -1.0 if falling else 1.0
@@ -82,9 +83,10 @@ def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
         One record an onset: row, leg, t (s), status where the table has it.
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or a row has a crossing twice.
     """
     require(table, "row", "crossing", "t", *(SINCE.format(leg) for leg in LEGS))
+    require_single_records(table, "stair" if "stair" in table.columns else "crossing")
     copied = [column for column in ("row", "status") if column in table.columns]
     crossed = table.loc[table["crossing"] > 0]
     parts = []
