@@ -18,7 +18,7 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, diffusion, event, mode, observable, parameter, signal, variable
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.declaration_faults import OF_TRACES
+from gaitsweep.dynamics.declaration_faults import OF_TRACES, faults_of_quantity
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
@@ -412,6 +412,8 @@ def test_defaults_may_be_numbers_of_numpy() -> None:
     of_jax: Any = jnp.asarray(0.5)
     flag: Any = np.True_
     assert [type(parameter("1", "k", value).quantity.default) for value in (whole, single)] == [int, float]
+    of_quantity = Quantity("k", "1", "k", whole, high=1.0)  # of a model written without declarations
+    assert "default 3, which must be within" in next(faults_of_quantity(of_quantity, start=False))
     assert parameter("1", "k", several, count=2).defaults == (1, 2)
     assert variable("1", "y", of_jax).start == 0.5
     assert mode(flag, "down").start is True
