@@ -36,7 +36,7 @@ from gaitsweep.view.explorer.page_format import (
     packed,
 )
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
-from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, spread, subgrid, with_next
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, map_of, spread, subgrid, with_next
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned, with_points
 from hostile_texts import ATTACK, HostileTexts
@@ -251,6 +251,23 @@ def test_a_row_of_a_map_has_its_last_gait_whatever_the_order_of_records(tmp_path
     for table in (result.table, result.table.iloc[::-1]):
         fields = fields_of(Result(table=table).explore(tmp_path / "page.html"))
         assert {fields["outcomes"][number]["name"] for number in fields["outcome"]} == {"right"}
+
+
+def test_a_map_of_more_slices_than_records_has_points() -> None:
+    vary = {"k": {"linspace": [1.0, 2.0, 150]}, "x_0": [0.0, 1.0], "v_0": [2.0, 3.0]}
+    job = gs.Job(
+        name="slices",
+        model="smooth_oscillators:Spring",
+        run={"kind": "fixed_time", "duration": 1.0},
+        vary=vary,
+    )
+    table = table_of(job).assign(gait="none")
+    shown = {most: map_of(table, job, "x_0", "v_0", most) for most in (700, 200, 100)}
+    assert {most: (each.kind, len(each.table)) for most, each in shown.items()} == {
+        700: ("cells", 600),
+        200: ("cells", 150),
+        100: ("points", 100),
+    }
 
 
 def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
