@@ -282,7 +282,7 @@ class PoincareMap(FixedPointsOfModel):
             >>> 1e4 < found.steps < 1e6
             True
         """
-        if several := next(iter(self._of_rows()), None):
+        if several := next(iter(self._varied()), None):
             raise ArgumentError(f"{several} of this map has several values: steps_to_fall estimates each.")
         settings = {"seed": seed, "steps": steps, "rounds": rounds, "scales": scales, "level": level}
         return rare_falls(self._once, {}, self._start_of(0), noise, draws, **settings)
@@ -320,7 +320,7 @@ class PoincareMap(FixedPointsOfModel):
             raise ArgumentError(f"{seed} has several values, but each step has a seed of its own.")
         options = {"steps": 6, "rounds": 64, "scales": SCALES, **options}
         records: list[dict[str, Any]] = []
-        varied = self._of_rows()
+        varied = self._varied()
         count = max(map(len, varied.values()), default=1)
         for row in range(count):
             values = {name: float(column[row]) for name, column in self._values.items()}
@@ -339,7 +339,7 @@ class PoincareMap(FixedPointsOfModel):
         columns = [*varied, "steps", "low", "high", "falls", "scale", "simulated", "note"]
         return pd.DataFrame(records, columns=columns)
 
-    def _of_rows(self) -> dict[str, Float[np.ndarray, " rows"]]:
+    def _varied(self) -> dict[str, Float[np.ndarray, " rows"]]:
         """The parameters and starts with several values."""
         starts = {name: np.ravel(value) for name, value in self._starts.items()}
         return self._values | {name: value for name, value in starts.items() if np.ptp(value) > 0.0}
