@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import PIL.Image
@@ -219,6 +220,55 @@ def test_a_ramp_that_ends_before_its_first_crossing_has_no_walks(tmp_path: Path)
     assert set(result.table["crossing"]) == {0}
     fields = fields_of(result.explore())
     assert (len(fields["walks"]), len(fields["outcome"])) == (0, 2)
+
+
+class Fast(gs.DeclaredModel):
+    """A clock with the height of a foot that never lifts off."""
+
+    gaits = ("slow", "fast")
+    w = gs.parameter("rad/s", "frequency", 6.0)
+    phi = gs.variable("rad", "phase", 0.5, circular=True, observed=False)
+
+    def flow(self, p, s):
+        return {"phi": p.w}
+
+    @gs.event("its sine rises", section=True)
+    def turns(self, p, s):
+        return jnp.sin(s.phi)
+
+    @gs.observable("rad/s", "rate")
+    def rate(self, p, s):
+        return p.w
+
+    @gs.observable("m", "height")
+    def height(self, p, s):
+        return jnp.nan * s.phi
+
+    def label(self, p, at):
+        return {"gait": jnp.where(at["rate"] > 5.5, 1, 0)}
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
+
+
+@pytest.mark.parametrize("kind", ["return_map", "ramp"])
+def test_an_unknown_observable_does_not_hide_the_gait(tmp_path: Path, kind: str) -> None:
+    ramp = gs.Ramp(parameter="w", path=[5.0, 6.0], rate=0.1)
+    axes: dict[str, Any] = {} if kind == "ramp" else {"w": [5.0, 6.0]}
+    run = ramp if kind == "ramp" else gs.ReturnMap(crossings=4)
+    result = gs.sweep(Fast, run=run, verify=0, out=tmp_path / kind, **axes)
+    fields = fields_of(result.explore())
+    shown = {fields["outcomes"][number]["name"] for number in fields["outcome"]}
+    assert shown == {"slow", "fast"}
+
+
+def test_a_record_without_numbers_is_failed_and_one_with_an_unknown_observable_is_not() -> None:
+    run = {"kind": "ramp", "parameter": "lean", "path": [0.0, 1.0], "rate": 0.1}
+    job = gs.Job(name="unknown", model="double_well:DoubleWell", run=run)
+    numbers = {"t": [0.0, 1.0, np.nan], "lean": [0.0, 0.1, 0.2], "x_n": np.nan}
+    table = pd.DataFrame({"row": [0, 0, 1], "crossing": [0, 1, 0], **numbers, "status": "complete"})
+    shown = map_of(table.assign(gait="left"), job, "lean", "crossing", 100)
+    assert [shown.outcomes[number]["name"] for number in shown.outcome] == ["left", "left", "failed"]
 
 
 @pytest.mark.parametrize("stiffness", [[0.0], [0.0, 4.0]])
@@ -746,7 +796,7 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
     with pytest.raises(gs.ArgumentError, match="trace rows"):
         trace.explore("nowhere.html")
     mapped: Any = table_of(job.model_copy(update={"run": gs.ReturnMap(crossings=2)}))
-    with pytest.raises(gs.ArgumentError, match="No row returned to the section"):
+    with pytest.raises(gs.ArgumentError, match="No row has x_n at two successive crossings"):
         Result(table=mapped[mapped["crossing"] == 0]).explore("nowhere.html")
     without_job = trace.table.copy()
     without_job.attrs = {}

@@ -247,10 +247,10 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
-        observed = [name for name in map(str, table.columns) if name.endswith("_n")]
+        numbered = [name for name in ("t",) if name in table.columns]  # NaN in a record without numbers
         labels = np.where(table["gait"].notna(), table["gait"].astype(str), "none").astype(object)
         gone = table["status"].astype(str) == Status.no_fixed_point.name
-        labels[~sound(table, *observed[:1]) | gone.to_numpy()] = Outcome.FAILED
+        labels[~sound(table, *numbered) | gone.to_numpy()] = Outcome.FAILED
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
     colours, markers = theme.colours(names), theme.markers(names)
