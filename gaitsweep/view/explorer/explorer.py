@@ -168,7 +168,8 @@ def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
 def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     """A table with a gait for each record; crossings have the label of their observables."""
     run = context.job.run
-    if run.kind_name == "return_map":  # whose rows have the gait of their last record
+    # the last records of a row tell its gait, or belong to its fall
+    if run.kind_name in ("return_map", "ramp"):
         table = table.sort_values(["row", "crossing"], kind="stable")
     if "gait" not in table.columns:
         table = _with_gaits(table, gaits(context.model, _gait_codes(table, context)))

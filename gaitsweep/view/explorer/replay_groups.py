@@ -194,7 +194,6 @@ class ReplayRamp(ReplayGroup):
         records = []
         for row in rows.tolist():
             crossings = np.flatnonzero((of_row == row) & np.isfinite(t))
-            crossings = crossings[np.argsort(t[crossings], kind="stable")]  # whatever the order of the table
             places = np.searchsorted(
                 t[crossings], self._spacing * np.arange(1, count + 1) * (1.0 + _TIME_TOLERANCE)
             )
