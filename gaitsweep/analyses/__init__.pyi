@@ -14,6 +14,7 @@ from gaitsweep.analysis.records import AnalysisError as AnalysisError
 from gaitsweep.analysis.records import axes_of as axes_of
 from gaitsweep.analysis.records import in_order as in_order
 from gaitsweep.analysis.records import require as require
+from gaitsweep.analysis.records import require_single_records as require_single_records
 from gaitsweep.analysis.transitions.hysteresis import Hysteresis as Hysteresis
 from gaitsweep.analysis.transitions.hysteresis import hysteresis as hysteresis
 from gaitsweep.analysis.transitions.hysteresis import transition_points as transition_points

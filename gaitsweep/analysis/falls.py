@@ -46,8 +46,8 @@ def steps_to_fall(
 
     Returns:
         One record for each combination: by, rows that walked long enough, falls, tried (steps of these rows,
-        the last one of a fall included), steps (the mean), low and high. Without a fall the mean and `high`
-        are infinite.
+        the last one of a fall included), steps (the mean), low and high. Without a fall in these steps the
+        mean and `high` are infinite; without such steps the mean is NaN.
 
     Raises:
         AnalysisError: the table does not have a column, an argument is not allowed, or rows failed in another
@@ -75,7 +75,7 @@ def steps_to_fall(
         tried = int(walked[counted].sum()) + falls
         low, high = proportion_interval(falls, tried, level, "clopper_pearson") if tried else (0.0, 1.0)
         record = {**panel, "rows": counted.size, "falls": falls, "tried": tried}
-        record["steps"] = tried / falls if falls else np.inf
+        record["steps"] = tried / falls if falls else (np.inf if tried else np.nan)
         record["low"] = 1.0 / high
         record["high"] = 1.0 / low if low > 0.0 else np.inf
         records.append(record)

@@ -34,6 +34,8 @@ from gaitsweep.errors import ArgumentError
 # The largest distance of a multiplier from 1 that counts as that of a family of gaits, and the largest change
 # of the period along the family, as a share of the period for a unit vector of coordinates.
 NEUTRAL = 1e-6
+# The largest distance from a crossing of a gait to its image, a share of each coordinate's scale.
+NOT_REPEATED = 1e-4
 
 
 def phase_response(
@@ -58,8 +60,8 @@ def phase_response(
         The response (phases, variables), as a share of the gait's period per unit of each variable.
 
     Raises:
-        ArgumentError: the gait does not return to the section, is unstable, or belongs to a family along
-            which its period changes.
+        ArgumentError: the gait does not return to the section, does not repeat, is unstable, or belongs to a
+            family along which its period changes.
     """
     complete = {name: column[0] for name, column in mapping.complete(values, 1).items()}
     at, modes = jnp.asarray(gait.at[0]), jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), gait.modes)
@@ -73,6 +75,12 @@ def phase_response(
         gradients.append(np.asarray(gradient))
         jacobians.append(np.asarray(jacobian))
         at, modes = image, state
+    if (miss := float(mapping.distance(gait.at[0], np.asarray(at)))) > NOT_REPEATED:
+        after = "a crossing" if period == 1 else f"{period} crossings"
+        raise ArgumentError(
+            f"The point is of no gait: after {after} a coordinate differs by {miss:.2g} of its size. Take a "
+            "point of `fixed_points`, of a return map with the gait's period."
+        )
     total = float(np.sum(times))
     begins = np.concatenate([[0.0], np.cumsum(times)])  # the time of each crossing
     delays = _delays(gradients, jacobians, total)

@@ -173,8 +173,9 @@ class PoincareMap(FixedPointsOfModel):
             by which later crossings come early, per unit of the push.
 
         Raises:
-            ArgumentError: the map has no derivative; the gait is unstable, or its period changes along a
-                family of gaits; a name is no variable of the flow; a phase is outside its range.
+            ArgumentError: the map has no derivative; x is no gait, an unstable one, or one whose period
+                changes along a family of gaits; a name is no variable of the flow; a phase is outside its
+                range.
 
         Example:
             A clock on a circle gains -sin(2 pi phase) / (2 pi) by a push along x (Winfree 2001, The Geometry
@@ -270,7 +271,7 @@ class PoincareMap(FixedPointsOfModel):
 
         Raises:
             AnalysisError: an argument is not allowed, or too few falls were met.
-            ArgumentError: the map has parameters with several values: use `steps_to_fall`.
+            ArgumentError: the map has parameters or starts with several values: use `steps_to_fall`.
 
         Example:
             >>> import gaitsweep as gs
@@ -281,27 +282,25 @@ class PoincareMap(FixedPointsOfModel):
             >>> 1e4 < found.steps < 1e6
             True
         """
-        if self._values:
-            raise ArgumentError(
-                f"{next(iter(self._values))} of this map has several values: steps_to_fall estimates each."
-            )
+        if several := next(iter(self._varied()), None):
+            raise ArgumentError(f"{several} of this map has several values: steps_to_fall estimates each.")
         settings = {"seed": seed, "steps": steps, "rounds": rounds, "scales": scales, "level": level}
         return rare_falls(self._once, {}, self._start_of(0), noise, draws, **settings)
 
     def steps_to_fall(
         self, noise: str, draws: Draws, *, seed: str = "seed", level: float = LEVEL, **options: Any
     ) -> pd.DataFrame:
-        """Estimate the mean number of steps to a fall at each value of the map's parameters.
+        """Estimate the mean number of steps to a fall at each value of the map's parameters and starts.
 
         Args:
             noise, draws, seed, level: as for `rare_falls`.
             options: `steps`, `rounds` and `scales` of `rare_falls`.
 
         Returns:
-            One record for each combination of the parameters that were given as arrays, which are columns:
-            `steps` (the mean), `low` and `high` (its confidence interval), `falls`, `scale` (the factor on
-            the noise; 1 where plain steps met enough falls) and `simulated` (steps). Numbers are NaN where
-            an estimate met too few falls or all rows fell at once, which `note` says.
+            One record for each combination of the parameters and starts that were given as arrays, which are
+            columns: `steps` (the mean), `low` and `high` (its confidence interval), `falls`, `scale` (the
+            factor on the noise; 1 where plain steps met enough falls) and `simulated` (steps). Numbers are
+            NaN where an estimate met too few falls or all rows fell at once, which `note` says.
 
         Raises:
             AnalysisError: an argument is not allowed.
@@ -321,10 +320,11 @@ class PoincareMap(FixedPointsOfModel):
             raise ArgumentError(f"{seed} has several values, but each step has a seed of its own.")
         options = {"steps": 6, "rounds": 64, "scales": SCALES, **options}
         records: list[dict[str, Any]] = []
-        count = max((len(column) for column in self._values.values()), default=1)
+        varied = self._varied()
+        count = max(map(len, varied.values()), default=1)
         for row in range(count):
             values = {name: float(column[row]) for name, column in self._values.items()}
-            record: dict[str, Any] = dict(values)
+            record: dict[str, Any] = {name: float(column[row]) for name, column in varied.items()}
             try:
                 estimate = rare_falls(
                     self._once, values, self._start_of(row), noise, draws, seed=seed, level=level, **options
@@ -336,8 +336,13 @@ class PoincareMap(FixedPointsOfModel):
                 record |= {"steps": estimate.steps, "low": low, "high": high, "falls": estimate.falls}
                 record |= {"scale": estimate.scale, "simulated": estimate.simulated, "note": ""}
             records.append(record)
-        columns = [*self._values, "steps", "low", "high", "falls", "scale", "simulated", "note"]
+        columns = [*varied, "steps", "low", "high", "falls", "scale", "simulated", "note"]
         return pd.DataFrame(records, columns=columns)
+
+    def _varied(self) -> dict[str, Float[np.ndarray, " rows"]]:
+        """The parameters and starts with several values."""
+        starts = {name: np.ravel(value) for name, value in self._starts.items()}
+        return self._values | {name: value for name, value in starts.items() if np.ptp(value) > 0.0}
 
     def _start_of(self, row: int) -> dict[str, float]:
         """The start values that the map has, of a row of its parameters."""

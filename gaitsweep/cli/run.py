@@ -218,7 +218,8 @@ def atlas(
     if settings:
         raise typer.BadParameter("--set is for a job: --more takes the job of the result directory as it is.")
     job = wider_job(load(target).attrs, trust=trust)
-    out = out or target.with_name(f"{target.name}_more")
+    place = target if target.name not in ("", "..") else target.resolve()
+    out = out or place.with_name(f"{place.name}_more")
     with running(job.name, out, cluster=None) as (on_progress, _):
         path = run_job(job, out, on_progress=on_progress, on_message=print_message)
     wider = Snapshot.of(path)

@@ -14,7 +14,7 @@ from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
 from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
 from gaitsweep.expression import VARY_GROUPS
-from gaitsweep.schema.diagnostics import Diagnostic, Path, quoted, unknown_field
+from gaitsweep.schema.diagnostics import Diagnostic, Path, dotted, quoted, unknown_field
 from gaitsweep.schema.strict_model import read_model
 
 MAX_ROWS = 10**9
@@ -257,7 +257,7 @@ def _check_names(vary: Vary, refuse: Callable[[str], str | None]) -> None:
     for group in vary.groups:
         for name, path in group.paths.items():
             if name in first_paths:
-                where = ".".join(map(str, first_paths[name]))
+                where = dotted(first_paths[name])
                 vary.refuse(path, f"is also varied by {where}: remove one of the two.")
             elif (reason := refuse(name)) is not None:
                 vary.refuse(path, reason)

@@ -9,6 +9,8 @@ from collections.abc import Collection, Iterator, Mapping
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gaitsweep.column_meanings import COLUMNS, time_column
 from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.declarations import Variable
@@ -175,7 +177,7 @@ def faults_of_quantity(quantity: Quantity, start: bool) -> Iterator[str]:
         yield f"whose {name} is circular in {quantity.unit}, but only angles in rad can be circular."
     if not low <= high or (low == high and quantity.open_ends):
         yield f"whose {name} has bounds that allow no value: low is {low:g}, high is {high:g}."
-    elif isinstance(quantity.default, int | float):
+    elif isinstance(quantity.default, int | float | np.integer | np.floating):
         undecided = start and math.isnan(quantity.default)  # a start that the model itself decides
         inside = low < quantity.default < high if quantity.open_ends else low <= quantity.default <= high
         if not undecided and not (inside and math.isfinite(quantity.default)):

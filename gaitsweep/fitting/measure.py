@@ -70,7 +70,9 @@ def _read_linspace(value: Mapping[Any, Any]) -> tuple[float, ...]:
 Conditions = Annotated[
     dict[str, tuple[float, ...]],
     PlainValidator(checked(_read_conditions)),
-    WithJsonSchema({"type": "object", "additionalProperties": {"type": ["number", "array", "object"]}}),
+    WithJsonSchema(
+        {"type": "object", "additionalProperties": {"type": ["number", "string", "array", "object"]}}
+    ),
 ]
 
 

@@ -18,6 +18,8 @@ def schema() -> dict[str, Any]:
     job = job_schema()
     job["properties"]["search"] = _search()
     job["properties"]["sensitivity"] = _sensitivity()
+    for field in ("search", "sensitivity"):  # references begin at the root
+        job["$defs"] |= job["properties"][field].pop("$defs", {})
     return job
 
 

@@ -43,7 +43,7 @@ def _read_value_or_range(value: Any) -> tuple[float, float]:
 ValueOrRange = Annotated[
     tuple[float, float],
     PlainValidator(checked(_read_value_or_range)),
-    WithJsonSchema({"type": ["number", "array"]}),
+    WithJsonSchema({"type": ["number", "string", "array"]}),
 ]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, PlainValidator, WithJsonSchema
+from pydantic import Field, PlainValidator
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model
@@ -42,6 +42,7 @@ from gaitsweep.kinds.run_kind import Cost, RunKind, check_derivative
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.schema.diagnostics import Diagnostic
 from gaitsweep.schema.numbers import (
+    WHOLE,
     Count,
     CountOrZero,
     Flag,
@@ -57,9 +58,7 @@ from gaitsweep.status import Status
 
 MOST_COARSE = 1024  # cells a side
 MOST_PERIOD = 64  # crossings of the longest orbits that may be asked for
-OrbitPeriod = Annotated[
-    int, PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)), WithJsonSchema({"type": "integer"})
-]
+OrbitPeriod = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MOST_PERIOD)), WHOLE]
 # Crossings after which an orbit settles at the earliest, in longest periods.
 SETTLING_PERIODS = FIRST_TEST + CONFIRMED_FOR
 # Mean share of the allowed cycles that a settling row takes; a chain of three modules takes 0.37.
@@ -177,12 +176,10 @@ class Settle(SettlesRows):
         min_length=1,
         description="axes to refine; by default all linspace and logspace axes of starts",
     )
-    coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WithJsonSchema({"type": "integer"})] = (
-        Field(
-            default=8,
-            description="spacing in cells of the first starts that refine simulates, a power of two; "
-            "what is narrower may be missed",
-        )
+    coarse: Annotated[int, PlainValidator(checked(_power_of_two)), WHOLE] = Field(
+        default=8,
+        description="spacing in cells of the first starts that refine simulates, a power of two; "
+        "what is narrower may be missed",
     )
 
     def recorder(self, model: Model) -> Recorder:

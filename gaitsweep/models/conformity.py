@@ -54,10 +54,13 @@ def quantity_faults(model: Model) -> Iterator[str]:
             yield from _faults_of_quantity(quantity, is_start=quantity.name in starts)
     if all(quantity.scale == math.inf and not quantity.circular for quantity in model.observables):
         yield "whose observables all have an infinite scale, so that each row would settle at once."
-    hidden = {quantity.name for quantity in settable} & {quantity.name for quantity in model.signals}
-    for name in sorted(hidden):
-        reason = "has the name of a parameter or start and would hide it in a trace"
-        yield f"whose signal {name} {reason}: rename it."
+    hiding = (
+        ("signal", model.signals, "parameter or start", settable, "in a trace"),
+        ("observable", model.observables, "parameter", model.parameters, "along a branch"),
+    )
+    for kind, quantities, owner, others, where in hiding:
+        for name in sorted({quantity.name for quantity in quantities} & {other.name for other in others}):
+            yield f"whose {kind} {name} has the name of a {owner} and would hide it {where}: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
     events = model.guard_names if isinstance(model, HybridModel) else ()

@@ -389,7 +389,7 @@ class _Comparison:
         # do not end at one point
         comparable = sound & ~other_status & ~other_gait & (once.numbers["period"] <= 1)
         comparable &= ~RECURRENT.among(once.status)
-        change = changes(model, ends, finer_ends)
+        change = _changes_or_losses(model, ends, finer_ends)
         size = self._sizes(rows, change, np.concatenate([self.observed_at_starts(rows), ends]))
         check.record_changes(model.observables, change[comparable], size)
         off = np.zeros_like(change, bool)
@@ -435,7 +435,7 @@ class _Comparison:
             flips |= moved.status != once.status
             flips |= _others(recorder, moved, once)
             flips |= at_times & (moved.cycles != once.cycles)
-            spread = np.fmax(spread, changes(model, end_values_of(recorder, moved), ends))
+            spread = np.fmax(spread, _changes_or_losses(model, end_values_of(recorder, moved), ends))
         unexplained = differing.change > spread / MOVED * LOCAL_ERROR
         wrong = np.any(differing.off & unexplained, axis=1)
         discrete = differing.other_status | differing.other_gait | differing.other_count
@@ -469,8 +469,7 @@ class _Comparison:
         check.sensitive += int(boundary.sum())
         check.status_differs += int((differs & ~boundary).sum())
         observed, times = [run[..., 1:] for run in samples], [run[..., 0] for run in samples]
-        change = changes(model, observed[0], observed[1])
-        most = np.nanmax(change, axis=1, initial=0.0)
+        most, spread = (_largest_change(model, samples[0], other) for other in samples[1:])
         size = self._sizes(rows, most, observed[0])
         check.record_changes(model.observables, most, size)
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
@@ -480,7 +479,6 @@ class _Comparison:
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
         # a change that a start moved by 1e-9 also causes is due to the sensitivity of the motion
-        spread = np.nanmax(changes(model, observed[0], observed[2]), axis=1, initial=0.0)
         wrong = off & (most > spread / MOVED * LOCAL_ERROR)
         late = np.nanmax(np.abs(times[0] - times[1]), axis=1, initial=0.0)
         late_if_moved = np.nanmax(np.abs(times[0] - times[2]), axis=1, initial=0.0) / MOVED * LOCAL_ERROR
@@ -520,13 +518,14 @@ class _Comparison:
         names = [f"{q.name}_end" for q in model.observables]
         now = end_values_of(rerun.recorder, result)
         before = stored[names].to_numpy(float)
-        off = sound[:, None] & (changes(model, now, before) > ROUNDING * sizes(model.observables, now))
+        change = _changes_or_losses(model, now, before)
+        off = sound[:, None] & (change > ROUNDING * sizes(model.observables, now))
         if off.any():
             places = np.flatnonzero(off.any(axis=1))
             lanes = [(rerun.rows[places], 1.0, MOVED)]
             moved = end_values_of(rerun.recorder, self.repeated(rerun.recorder, lanes)[0])
-            by_rounding = changes(model, moved, now[places]) / MOVED * ROUNDING_ERROR
-            off[places] &= changes(model, now, before)[places] > by_rounding
+            by_rounding = _changes_or_losses(model, moved, now[places]) / MOVED * ROUNDING_ERROR
+            off[places] &= ~(change[places] <= by_rounding)
         return differs | off.any(axis=1)
 
     def _sizes(
@@ -568,6 +567,24 @@ class _Comparison:
         return longest if math.isnan(period) else min(CROSSINGS * period, longest)
 
 
+def _changes_or_losses(
+    model: Model, once: Float[np.ndarray, "*rows observables"], again: Float[np.ndarray, "*rows observables"]
+) -> Float[np.ndarray, "*rows observables"]:
+    """Return the changes (..., k) of observables, infinite where only one of the two has a value."""
+    return np.where(np.isnan(once) != np.isnan(again), np.inf, changes(model, once, again))
+
+
+def _largest_change(
+    model: Model,
+    once: Float[np.ndarray, "rows crossings columns"],
+    again: Float[np.ndarray, "rows crossings columns"],
+) -> Observed:
+    """Return the largest changes (n, k) of observables over the `_crossings` that both results have."""
+    both = np.isfinite(once[..., :1]) & np.isfinite(again[..., :1])
+    change = np.where(both, _changes_or_losses(model, once[..., 1:], again[..., 1:]), np.nan)
+    return np.nanmax(change, axis=1, initial=0.0)
+
+
 def _other_beginnings(
     model: Model, run: TableRunKind, once: StartingPoints, rows: Rows, stored: pd.DataFrame
 ) -> RowMask:
@@ -596,9 +613,8 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
         records = records[records["settled"] == 1.0]
     records["nth"] = records.groupby("place").cumcount()
     number = {int(row): place for place, row in enumerate(rerun.rows)}
-    known = stored.dropna(subset=names)
-    known = known.assign(
-        place=[number[int(row)] for row in known["row"]], nth=known.groupby("row").cumcount()
+    known = stored.assign(
+        place=[number[int(row)] for row in stored["row"]], nth=stored.groupby("row").cumcount()
     )
     if isinstance(recorder, StepRecorder):
         records["nth"] = records["stair"].astype(int)
@@ -609,6 +625,7 @@ def _other_records(model: Model, rerun: RerunRows, stored: pd.DataFrame) -> RowM
     before = both[[f"{name} stored" for name in names]].to_numpy(float)
     angles = np.array([q.circular for q in described])
     off = np.abs(wrap_difference(now - before, angles)) > ROUNDING * sizes(described, now)
+    off |= np.isnan(now) != np.isnan(before)
     differs = np.zeros(rerun.rows.size, bool)
     differs[both["place"].to_numpy(int)[off.any(axis=1)]] = True
     return differs

@@ -277,7 +277,7 @@ def wrong_value(text: str) -> PydanticCustomError:
 _NUMBER_TYPE = {"type": ["number", "string"]}
 _EACH_TYPE = {"type": "object", "additionalProperties": _NUMBER_TYPE, "minProperties": 1}
 _NUMBER = WithJsonSchema(_NUMBER_TYPE)
-_WHOLE = WithJsonSchema({"type": ["integer", "string"]})
+WHOLE = WithJsonSchema({"type": ["integer", "string"]})
 _TEXT = WithJsonSchema({"type": "string"})
 
 Number = Annotated[float | str, PlainValidator(checked(read_number)), _NUMBER]
@@ -289,12 +289,12 @@ PositiveOrEach = Annotated[
     WithJsonSchema({"anyOf": [_NUMBER_TYPE, _EACH_TYPE]}),
 ]
 NotNegative = Annotated[float, PlainValidator(checked(read_real, low=0.0)), _NUMBER]
-Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), _WHOLE]
-LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), _WHOLE]
-CountOrZero = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10**9)), _WHOLE]
-VerifyCount = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10_000)), _WHOLE]
-PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MAX_POINTS)), _WHOLE]
-Seed = Annotated[int, PlainValidator(checked(read_whole, low=0, high=2**53)), _WHOLE]
+Count = Annotated[int, PlainValidator(checked(read_whole, low=1, high=10**9)), WHOLE]
+LaneCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=2**20)), WHOLE]
+CountOrZero = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10**9)), WHOLE]
+VerifyCount = Annotated[int, PlainValidator(checked(read_whole, low=0, high=10_000)), WHOLE]
+PointCount = Annotated[int, PlainValidator(checked(read_whole, low=1, high=MAX_POINTS)), WHOLE]
+Seed = Annotated[int, PlainValidator(checked(read_whole, low=0, high=2**53)), WHOLE]
 Text = Annotated[str, PlainValidator(checked(read_text)), _TEXT]
 Stem = Annotated[str, PlainValidator(checked(read_stem)), _TEXT]
 Flag = Annotated[bool, PlainValidator(checked(read_flag)), WithJsonSchema({"type": "boolean"})]

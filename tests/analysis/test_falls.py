@@ -102,10 +102,21 @@ def test_falls_along_parameters_are_those_of_the_transition_matrix() -> None:
     assert few["note"].iloc[-1].startswith("fewer than 20 falls")
 
 
+@pytest.mark.slow
+def test_each_of_several_starts_has_its_falls() -> None:
+    wheel = gs.return_map(RimlessWheel(), roughness=0.2, rate_0=[1.0, 1.1])
+    table: Any = wheel.steps_to_fall("roughness", drawn, rounds=2, scales=[1.0])
+    assert table["rate_0"].tolist() == [1.0, 1.1]
+    assert table["steps"].notna().all()
+
+
 def test_what_rare_falls_cannot_count_is_refused() -> None:
     wheel = gs.return_map(RimlessWheel(), roughness=0.03)
     with pytest.raises(gs.ArgumentError, match="roughness of this map has several values"):
         gs.return_map(RimlessWheel(), roughness=[0.02, 0.03]).rare_falls("roughness", drawn)
+    starts = gs.return_map(RimlessWheel(), roughness=0.2, rate_0=[1.0, 1.1])
+    with pytest.raises(gs.ArgumentError, match="rate_0 of this map has several values"):
+        starts.rare_falls("roughness", drawn)
     with pytest.raises(gs.ArgumentError, match="seed has several values"):
         gs.return_map(RimlessWheel(), roughness=0.1, seed=[1, 2]).steps_to_fall("roughness", drawn)
     with pytest.raises(AnalysisError, match=r"rouhness is not a parameter .*did you mean roughness"):
@@ -194,6 +205,14 @@ def test_rows_without_a_fall_give_a_lower_bound() -> None:
     fell = table.assign(status=["complete", "fell", "fell"])
     assert steps_to_fall(fell)["steps"].tolist()[0] == 242 / 2
     assert steps_to_fall(fell, after=60)[["rows", "falls", "tried"]].iloc[0].tolist() == [2, 1, 101]
+
+
+def test_the_mean_is_unknown_where_all_rows_fell_before_the_steps_that_count() -> None:
+    fell_early = pd.DataFrame({"cycles": [3, 4], "status": ["fell", "fell"]})
+    found = steps_to_fall(fell_early).to_dict("records")[0]
+    assert (found["rows"], found["falls"], found["tried"], found["low"]) == (0, 0, 0, 1.0)
+    assert np.isnan(found["steps"])
+    assert np.isinf(found["high"])
 
 
 def test_other_ends_and_arguments_are_refused() -> None:

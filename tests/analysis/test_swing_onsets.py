@@ -13,7 +13,13 @@ import pytest
 
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.angles import is_circular
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import GAITS, Steadiness, gait_of, onsets_in
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import (
+    GAITS,
+    Steadiness,
+    gait_of,
+    onsets_in,
+    onsets_of_crossings,
+)
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, margin, place, signs
 from tests.support.gait_traces import ideal_phases, onset_table
 
@@ -139,6 +145,24 @@ def test_the_spread_is_that_of_the_noise() -> None:
     )
     assert result.loc[0, "variation"] == pytest.approx(0.028, abs=0.003)
     assert result.loc[0, "gait"] == "trot"
+
+
+def test_phases_are_below_one_cycle_also_by_rounding() -> None:
+    onsets = np.tile(np.arange(1.0, 9.0), (4, 1))
+    onsets[LEGS.index("RH"), 1] = np.nextafter(2.0, 0.0)
+    assert 0.0 <= _gaits(onsets[None]).loc[0, "phase_RH"] < 1.0
+
+
+def test_rows_that_two_tables_share_are_refused() -> None:
+    trace = pd.DataFrame({"row": 0, "t": [0.0, 1.0], "u": [-1.0, 1.0]})
+    assert len(onsets_in(trace, {"LF": "u"})) == 1
+    with pytest.raises(AnalysisError, match=r"Row 0.* has several records of t 0.*gs\.concat"):
+        onsets_in(pd.concat([trace, trace]), {"LF": "u"})
+    since = {f"since_{leg}_n": 0.1 for leg in LEGS}
+    crossings = pd.DataFrame({"row": 0, "crossing": [1, 2], "t": [0.5, 1.0], **since})
+    assert len(onsets_of_crossings(crossings)) == 8
+    with pytest.raises(AnalysisError, match=r"several records of crossing 1.*gs\.concat"):
+        onsets_of_crossings(pd.concat([crossings, crossings]))
 
 
 def test_large_scatter_is_unsteady() -> None:

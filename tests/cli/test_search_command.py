@@ -163,6 +163,12 @@ def test_the_schema_takes_the_shipped_fits(capsys: Capture) -> None:
     wrong = yaml.safe_load(files[-1].read_text())
     wrong["sensitivity"]["method"] = "sobbol"
     assert list(reader.iter_errors(wrong))
+    robust = yaml.safe_load(JOB)
+    robust["search"]["robust"] = {"within": 0.1, "targets": ["speed"], "wanted": 1.0, "error": 0.1}
+    robust["search"]["targets"]["speed"] |= {"wanted": "pi/2", "at": {"mass": "2/2"}}
+    assert not list(reader.iter_errors(robust))
+    robust["search"]["robust"]["withn"] = 0.1
+    assert list(reader.iter_errors(robust))
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import gaitsweep as gs
 from gaitsweep.cli.commands import app
 from gaitsweep.dynamics.mjx import against_c
-from gaitsweep.dynamics.mjx.against_c import at_first_use, compare
+from gaitsweep.dynamics.mjx.against_c import _differences, at_first_use, compare
 from gaitsweep.dynamics.mjx.mjx_body import MjxBody, mjx
 from gaitsweep.dynamics.mjx.refusals import cautions
 from gaitsweep.examples.mujoco_hopper import MujocoHopper
@@ -176,6 +176,24 @@ def test_a_different_motion_is_reported(monkeypatch: Any, tmp_path: Path) -> Non
     file.write_text("[1")
     with pytest.raises(TypeError):  # it is compared anew
         at_first_use(model_of(STANDING.format("box")))
+
+
+def test_other_numbers_in_a_control_are_compared_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also those of an array, which the text of a jaxpr does not have."""
+    monkeypatch.setenv("GAITSWEEP_CACHE", str(tmp_path))
+    monkeypatch.setattr(against_c, "_sentences", lambda model, control: [str(control)])
+    xml = """<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>
+      <actuator><motor joint="j"/></actuator></mujoco>"""
+    for target in (np.array([0.5]), np.array([0.25])):
+        sentences = at_first_use(model_of(xml, lambda self, p, s, target=target: jnp.asarray(target)))
+        assert sentences == [str(target)]
+
+
+def test_differences_from_numbers_that_are_not_finite_are_infinite() -> None:
+    ours, theirs = np.array([1.0, np.nan, 1.0, 30.0]), np.array([1.0, 1.0, np.nan, 20.0])
+    assert _differences(ours, theirs).tolist() == [0.0, np.inf, np.inf, 0.5]
 
 
 @pytest.mark.slow

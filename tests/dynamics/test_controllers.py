@@ -22,7 +22,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.cli import main
 from gaitsweep.dynamics.controllers.controlled_body import ControlledBody, Leg, Trunk
-from gaitsweep.dynamics.controllers.leg_targets import FootPath, FootPaths, two_link_leg
+from gaitsweep.dynamics.controllers.leg_targets import FootPath, FootPaths, actuator_of, two_link_leg
 from gaitsweep.dynamics.controllers.model_file import model_of_file
 from gaitsweep.dynamics.controllers.oscillators import (
     HopfOscillators,
@@ -461,6 +461,15 @@ def test_controls_follow_the_gears_and_gains_of_a_row(tmp_path: Path) -> None:
         (tmp_path / "biped.xml").write_text(body.replace('<position name="hip_l"', element))
         with pytest.raises(JobError, match="actuator of joint 'hip_l' is neither a <position> actuator"):
             model_of_file(tmp_path / "geared.yaml")
+
+
+def test_the_actuator_of_a_joint_is_not_that_of_a_tendon_with_its_number() -> None:
+    xml = """<mujoco><worldbody><body><joint name="hip"/><geom size=".1"/></body></worldbody>
+      <tendon><fixed name="strap"><joint joint="hip" coef="1"/></fixed></tendon>
+      <actuator><position tendon="strap" kp="10"/>{}</actuator></mujoco>"""
+    with pytest.raises(ValueError, match="'hip' has 0 actuators"):
+        actuator_of(mujoco.MjModel.from_xml_string(xml.format("")), "hip")
+    assert actuator_of(mujoco.MjModel.from_xml_string(xml.format('<motor joint="hip"/>')), "hip") == 1
 
 
 def test_targets_and_gains_of_slides_have_their_units(tmp_path: Path) -> None:

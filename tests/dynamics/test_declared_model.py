@@ -18,7 +18,7 @@ import gaitsweep as gs
 from gaitsweep import DeclaredModel, diffusion, event, mode, observable, parameter, signal, variable
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Quantity
-from gaitsweep.dynamics.declaration_faults import OF_TRACES
+from gaitsweep.dynamics.declaration_faults import OF_TRACES, faults_of_quantity
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
@@ -323,6 +323,10 @@ FAULTS = {
         "z_0": variable("m", "a variable named as the start of z", 1.0),
         **_flows(z_0=lambda s: 0.0),
     },
+    "observable r_1 has the name of a parameter": {
+        "r_1": parameter("1", "a parameter named as the first of r", 1.0),
+        "r": observable("1", "r", count=2)(lambda self, p, s: jnp.stack([s.z, s.v])),
+    },
     r"a gait named '\$\\\\bm{a}\$', which Matplotlib cannot set": {"gaits": (r"$\bm{a}$", "b")},
     r"a limb named '\$\\\\bm{l}\$', which": {"limbs": property(lambda self: (LimbLook(r"$\bm{l}$"),))},
     r"an event named '\$\\\\bm{e}\$', which": {"high": event(r"$\bm{e}$")(lambda self, p, s: s.z - 2.0)},
@@ -408,6 +412,8 @@ def test_defaults_may_be_numbers_of_numpy() -> None:
     of_jax: Any = jnp.asarray(0.5)
     flag: Any = np.True_
     assert [type(parameter("1", "k", value).quantity.default) for value in (whole, single)] == [int, float]
+    of_quantity = Quantity("k", "1", "k", whole, high=1.0)  # of a model written without declarations
+    assert "default 3, which must be within" in next(faults_of_quantity(of_quantity, start=False))
     assert parameter("1", "k", several, count=2).defaults == (1, 2)
     assert variable("1", "y", of_jax).start == 0.5
     assert mode(flag, "down").start is True

@@ -134,9 +134,10 @@ def test_an_atlas_is_summed_up_drawn_and_explored(atlas_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_more_of_an_atlas_goes_one_bifurcation_further(
-    atlas_folder: Path, capsys: pytest.CaptureFixture[str]
+    atlas_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert main(["atlas", str(atlas_folder), "--more"]) == 0
+    monkeypatch.chdir(atlas_folder)
+    assert main(["atlas", ".", "--more"]) == 0
     assert "2 of period 1" in capsys.readouterr().out
     more = gs.load(f"{atlas_folder}_more")
     depth, period = more["depth"].to_numpy(int), more["period"].to_numpy(int)

@@ -170,6 +170,7 @@ LINES: list[tuple[int, str, list[str]]] = [
     (5, "  launch_1: [launch_1]", ["line 5", "depends on itself", "launch_1 -> launch_1"]),
     (5, "  zip: {launch_1: [1, 2], preload: [1]}", ["line 5", "vary.zip", "launch_1 has 2, preload has 1"]),
     (5, "  zip: {launch_1: [1, 2]}\n  launch_1: [1]", ["line 6", "vary.launch_1", "vary.zip.launch_1"]),
+    (5, "  zip: [{launch_1: [1, 2]}, {launch_1: [1]}]", ["line 5", "also varied by vary.zip[0].launch_1"]),
     (5, "  zip: [1, 2]", ["line 5", "vary.zip[0] is 1", "equal length"]),
     (5, "  sample: {of: {launch_1: [1, 2]}}", ["line 5", "vary.sample.n is missing: number of points"]),
     (5, "  sample: {n: 3, of: {}}", ["line 5", "vary.sample.of has 0 items"]),

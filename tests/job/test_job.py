@@ -226,6 +226,7 @@ def test_the_schema_accepts_valid_jobs(tmp_path: Path) -> None:
     reader.validate(yaml.safe_load(QUICK))
     reader.validate(load_job(written(tmp_path, QUICK)).resolved())
     reader.validate({**BASE, "vary": EVERY_AXIS})
+    reader.validate({**BASE, "run": {"kind": "settle", "max_period": "4*2", "coarse": "8"}})  # arithmetic
     for wrong in (
         {"rum": 1},
         {"run": {"kind": "setle"}},

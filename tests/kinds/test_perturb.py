@@ -318,6 +318,11 @@ def test_the_unstable_have_no_phase_response() -> None:
         hops.phase_response(unstable, ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="did you mean launch"):
         hops.phase_response(unstable, "lanch")
+    # a period of 1 for a gait of two steps would be such a point too
+    with pytest.raises(
+        gs.ArgumentError, match=r"is of no gait: after a crossing a coordinate differs by 0\."
+    ):
+        hops.phase_response([0.5, 8.0], ["launch"], [0.5])
     with pytest.raises(gs.ArgumentError, match="no crossing after phase 0: fell"):
         gs.return_map(CompassWalker()).phase_response([0.6, 3.0, -5.0], ["stance_rate"], [0.5])
     for call in (hops.fixed_points, hops.multipliers, hops):

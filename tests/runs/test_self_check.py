@@ -26,6 +26,7 @@ from gaitsweep.kinds.run_kind import RunKind
 from gaitsweep.plot.provenance_marks import remarks
 from gaitsweep.runs import concurrent_self_check, execute, unstable_rests
 from gaitsweep.runs.execute import run_job
+from gaitsweep.runs.self_check import _largest_change
 from gaitsweep.runs.self_check_result import SelfCheck, counted, sample_rows
 from gaitsweep.runs.sentences import advice, self_check_sentence
 from gaitsweep.runs.unstable_rests import followed
@@ -304,6 +305,32 @@ class Relaxation(gs.DeclaredModel):
         return 6.6 + 0.0 * p.mu
 
 
+class Counted(gs.DeclaredModel):
+    """A rotor whose rate is read from its second turn on."""
+
+    w = gs.parameter("rad/s", "frequency", 1.0)
+    phi = gs.variable("rad", "phase", 0.5, circular=True)
+    turned = gs.mode(0, "turns")
+
+    def flow(self, p, s):
+        return {"phi": p.w}
+
+    @gs.event("its sine rises", section=True)
+    def turns(self, p, s):
+        return jnp.sin(s.phi)
+
+    @turns.jump
+    def count(self, p, s):
+        return s.replace(turned=s.turned + 1)
+
+    @gs.observable("rad/s", "rate")
+    def rate(self, p, s):
+        return jnp.where(s.turned < 2, jnp.nan, p.w)
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
+
+
 def judged(model: type, run: Any, **given: Any) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -383,6 +410,35 @@ def test_stored_rows_that_are_not_reproduced_are_detected(
     result = checked(tmp_path / "other", warns=True, **fields)
     assert (result["verdict"], result["stored_differs"]) == ("warned", 1)
     assert "run the job into a new directory" in advice({"stored_differs": 1}, None)
+
+
+def test_an_observable_that_is_unknown_at_first_is_reproduced() -> None:
+    result = judged(Counted, gs.ReturnMap(crossings=4), w=[1.0, 1.1])
+    assert (result["verdict"], result["stored_differs"]) == ("passed", 0)
+
+
+@pytest.mark.parametrize(
+    "run", [SETTLE, {"kind": "return_map", "crossings": 12}], ids=lambda run: run["kind"]
+)
+def test_a_stored_value_that_is_lost_is_detected(
+    tmp_path: Path, run: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def altered(*given: Any, **more: Any) -> pd.DataFrame:
+        table = gs.load(*given, **more)
+        (name,) = {"x_n", "x_end"} & set(table.columns)
+        table[name] = table[name].where(table["row"] != 1)
+        return table
+
+    monkeypatch.setattr(directory, "load", altered)
+    result = checked(tmp_path, warns=True, vary={"x_0": [0.5, 0.8]}, run=run)
+    assert (result["verdict"], result["stored_differs"]) == ("warned", 1)
+
+
+def test_a_value_that_one_of_two_runs_lacks_is_a_change() -> None:
+    """Times and places over three crossings; after its end a row has no values."""
+    once = np.array([[[0.0, 1.0], [1.0, np.nan], [np.nan, np.nan]], [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]])
+    again = np.array([[[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]], [[0.0, 1.0], [1.0, 2.5], [np.nan, np.nan]]])
+    assert _largest_change(DoubleWell(), once, again).tolist() == [[np.inf], [0.5]]
 
 
 @pytest.mark.filterwarnings("error")

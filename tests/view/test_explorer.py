@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import PIL.Image
@@ -36,7 +37,7 @@ from gaitsweep.view.explorer.page_format import (
     packed,
 )
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
-from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, spread, subgrid, with_next
+from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, map_of, spread, subgrid, with_next
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import heading, projected, turned, with_points
 from hostile_texts import ATTACK, HostileTexts
@@ -211,6 +212,122 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
         assert len(values) == row["cycles"] + 1
         # the start and the end; 2^-16 of the range is lost
         np.testing.assert_allclose(values[[0, -1]], [row["x_0"], row["x_end"]], atol=1e-4)
+
+
+def test_a_ramp_that_ends_before_its_first_crossing_has_no_walks(tmp_path: Path) -> None:
+    ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=1e4)
+    result = gs.sweep("double_well:DoubleWell", x_0=[-1.0, 0.5], run=ramp, verify=0, out=tmp_path / "short")
+    assert set(result.table["crossing"]) == {0}
+    fields = fields_of(result.explore())
+    assert (len(fields["walks"]), len(fields["outcome"])) == (0, 2)
+
+
+class Fast(gs.DeclaredModel):
+    """A clock with the height of a foot that never lifts off."""
+
+    gaits = ("slow", "fast")
+    w = gs.parameter("rad/s", "frequency", 6.0)
+    phi = gs.variable("rad", "phase", 0.5, circular=True, observed=False)
+
+    def flow(self, p, s):
+        return {"phi": p.w}
+
+    @gs.event("its sine rises", section=True)
+    def turns(self, p, s):
+        return jnp.sin(s.phi)
+
+    @gs.observable("rad/s", "rate")
+    def rate(self, p, s):
+        return p.w
+
+    @gs.observable("m", "height")
+    def height(self, p, s):
+        return jnp.nan * s.phi
+
+    def label(self, p, at):
+        return {"gait": jnp.where(at["rate"] > 5.5, 1, 0)}
+
+    def period(self, p):
+        return 2.0 * jnp.pi / p.w
+
+
+@pytest.mark.parametrize("kind", ["return_map", "ramp"])
+def test_an_unknown_observable_does_not_hide_the_gait(tmp_path: Path, kind: str) -> None:
+    ramp = gs.Ramp(parameter="w", path=[5.0, 6.0], rate=0.1)
+    axes: dict[str, Any] = {} if kind == "ramp" else {"w": [5.0, 6.0]}
+    run = ramp if kind == "ramp" else gs.ReturnMap(crossings=4)
+    result = gs.sweep(Fast, run=run, verify=0, out=tmp_path / kind, **axes)
+    fields = fields_of(result.explore())
+    shown = {fields["outcomes"][number]["name"] for number in fields["outcome"]}
+    assert shown == {"slow", "fast"}
+
+
+def test_a_record_without_numbers_is_failed_and_one_with_an_unknown_observable_is_not() -> None:
+    run = {"kind": "ramp", "parameter": "lean", "path": [0.0, 1.0], "rate": 0.1}
+    job = gs.Job(name="unknown", model="double_well:DoubleWell", run=run)
+    numbers = {"t": [0.0, 1.0, np.nan], "lean": [0.0, 0.1, 0.2], "x_n": np.nan}
+    table = pd.DataFrame({"row": [0, 0, 1], "crossing": [0, 1, 0], **numbers, "status": "complete"})
+    shown = map_of(table.assign(gait="left"), job, "lean", "crossing", 100)
+    assert [shown.outcomes[number]["name"] for number in shown.outcome] == ["left", "left", "failed"]
+
+
+@pytest.mark.parametrize("stiffness", [[0.0], [0.0, 4.0]])
+def test_a_row_without_a_nominal_period_is_shown(tmp_path: Path, stiffness: list[float]) -> None:
+    hold = gs.FixedTime(duration=3.0)
+    with pytest.warns(UserWarning, match="period"):
+        result = gs.sweep("smooth_oscillators:Spring", k=stiffness, run=hold, verify=0, out=tmp_path / "out")
+    assert result.table["status"].iloc[0] == "not_a_number"
+    assert len(fields_of(result.explore())["walks"]) == len(stiffness)
+
+
+def test_the_walks_of_a_ramp_do_not_depend_on_the_order_of_records(tmp_path: Path) -> None:
+    ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
+    out = tmp_path / "ramp"
+    result = gs.sweep("double_well:DoubleWell", numerics={"dt": 0.05}, run=ramp, verify=0, out=out)
+    mixed: Any = result.table.sample(frac=1.0, random_state=0)
+    crossings = []
+    for shown in (result, Result(table=mixed)):
+        fields = fields_of(shown.explore(tmp_path / "page.html", replays=4))
+        columns = {column["name"]: column["values"] for column in fields["columns"]}
+        crossings.append([columns["crossing"][walk["record"]] for walk in fields["walks"]])
+    assert crossings[0] == crossings[1] == [100, 200, 300, 400]
+
+
+def test_a_row_of_a_map_has_its_last_gait_whatever_the_order_of_records(tmp_path: Path) -> None:
+    cross = gs.ReturnMap(crossings=99)
+    model = "double_well:DoubleWell"
+    result = gs.sweep(model, x_0=[-0.01], lean=1.0, run=cross, verify=0, out=tmp_path / "map")
+    assert result.table["x_n"].iloc[[0, -1]].gt(0.0).tolist() == [False, True]
+    for table in (result.table, result.table.iloc[::-1]):
+        fields = fields_of(Result(table=table).explore(tmp_path / "page.html"))
+        assert {fields["outcomes"][number]["name"] for number in fields["outcome"]} == {"right"}
+
+
+def test_a_map_of_more_slices_than_records_has_points() -> None:
+    vary = {"k": {"linspace": [1.0, 2.0, 150]}, "x_0": [0.0, 1.0], "v_0": [2.0, 3.0]}
+    job = gs.Job(
+        name="slices",
+        model="smooth_oscillators:Spring",
+        run={"kind": "fixed_time", "duration": 1.0},
+        vary=vary,
+    )
+    table = table_of(job).assign(gait="none")
+    shown = {most: map_of(table, job, "x_0", "v_0", most) for most in (700, 200, 100)}
+    assert {most: (each.kind, len(each.table)) for most, each in shown.items()} == {
+        700: ("cells", 600),
+        200: ("cells", 150),
+        100: ("points", 100),
+    }
+
+
+def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
+    stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
+    ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
+    for run in (stairs, ramp):
+        out = tmp_path / run.kind_name
+        numerics = {"dt": 0.05}
+        result = gs.sweep("double_well:DoubleWell", numerics=numerics, run=run, verify=0, out=out)
+        assert len(fields_of(result.explore(replays=1))["walks"]) == 1
 
 
 @pytest.mark.slow
@@ -678,6 +795,9 @@ def test_what_cannot_be_explored_is_refused_in_a_sentence(wells: Path, monkeypat
     trace = Result(table=table_of(job))
     with pytest.raises(gs.ArgumentError, match="trace rows"):
         trace.explore("nowhere.html")
+    mapped: Any = table_of(job.model_copy(update={"run": gs.ReturnMap(crossings=2)}))
+    with pytest.raises(gs.ArgumentError, match="No row has x_n at two successive crossings"):
+        Result(table=mapped[mapped["crossing"] == 0]).explore("nowhere.html")
     without_job = trace.table.copy()
     without_job.attrs = {}
     with pytest.raises(gs.ArgumentError, match="has no job"):

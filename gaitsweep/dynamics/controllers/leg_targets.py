@@ -243,7 +243,9 @@ def actuator_of(m: Any, joint: str) -> int:
     names = [m.jnt(j).name for j in hinges_and_slides(m)]
     if joint not in names:
         raise ValueError(f"The MJCF has no hinge or slide '{joint}'{suggestion(joint, names)}")
-    numbers = [k for k in range(m.nu) if m.actuator_trnid[k, 0] == m.joint(joint).id]
+    # the numbers of tendons and sites are of their own
+    of_joint = np.isin(m.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    numbers = np.flatnonzero(of_joint & (m.actuator_trnid[:, 0] == m.joint(joint).id)).tolist()
     if len(numbers) != 1:
         raise ValueError(
             f"Joint '{joint}' has {len(numbers)} actuators, but a leg's joint needs one: <position> follows "

@@ -246,7 +246,8 @@ def _entry(model: MjcfModel) -> tuple[Path | None, np.ndarray]:
     model = _with_mjx(model)
     with jax.enable_x64(True), jax.default_device(jax.devices("cpu")[0]):
         params, state = _at_default(model)
-        control = str(jax.make_jaxpr(model.checked_control)(params, state))
+        # of a jaxpr, the text would lack the numbers of arrays
+        control = jax.jit(model.checked_control).lower(params, state).as_text()
         first = np.asarray(model.checked_control(params, state))
     leaves = [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((params, state))]
     versions = [version(name) for name in ("gaitsweep", "mujoco", "mujoco-mjx")]
@@ -358,7 +359,7 @@ def _after_step(m: mujoco.MjModel, data: mujoco.MjData, control: np.ndarray) -> 
 def _differences(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """The differences of numbers, relative to their sizes where these are above 1."""
     gap = np.abs(ours - theirs) / np.maximum(1.0, np.abs(theirs))
-    return np.where(np.isfinite(ours), gap, np.inf)
+    return np.where(np.isfinite(gap), gap, np.inf)
 
 
 def _set_state(data: mujoco.MjData, body: BodyState, time: float) -> None:

@@ -236,10 +236,11 @@ class AnimatedRecords:
     def _sentence(self, walks: list[dict[str, Any]], simulated: int) -> str:
         """Format the number of animated records, and of those that differ from the table."""
         starts = self._context.job.run.one_a_row or self._context.job.run.kind_name == "return_map"
-        total = self._table["row"].nunique() if starts else len(self._table)
+        total = len(np.unique(self._table["row"])) if starts else len(self._table)
         noun = ("start" if starts else "record") + "s" * (total != 1)
         full = f"; {simulated - len(walks)} more did not fit" if len(walks) < simulated else ""
         beside = f", {self._beside} of them beside a boundary" if self._beside and not full else ""
         different = sum("later" in walk or "apart" in walk for walk in walks)
         differ = f"; {different} of them differ from the table, as the page shows" if different else ""
-        return f"{len(walks)} of {total} {noun} are animated{beside}{full}{differ}."
+        verb = "is" if total == 1 else "are"
+        return f"{len(walks)} of {total} {noun} {verb} animated{beside}{full}{differ}."

@@ -102,7 +102,10 @@ def write_explorer(
     context = prepare(job)
     table = _labelled(table, context)
     if not len(table):
-        raise ArgumentError("The atlas found no gait, so there is nothing to explore.")
+        reason = "The atlas found no gait"
+        if job.run.kind_name == "return_map":
+            reason = f"No row has {_mapped_column(table, context)} at two successive crossings"
+        raise ArgumentError(f"{reason}, so there is nothing to explore.")
     varied = context.design.names
     shown = map_of(table, job, x, y, _most_records(table, varied, _TABLE_SHARE * room))
     fields = _table_fields(shown, varied, table.attrs)
@@ -165,6 +168,9 @@ def _job_of(table: pd.DataFrame, *, trust: bool) -> Job:
 def _labelled(table: pd.DataFrame, context: RunContext) -> pd.DataFrame:
     """A table with a gait for each record; crossings have the label of their observables."""
     run = context.job.run
+    # the last records of a row tell its gait, or belong to its fall
+    if run.kind_name in ("return_map", "ramp"):
+        table = table.sort_values(["row", "crossing"], kind="stable")
     if "gait" not in table.columns:
         table = _with_gaits(table, gaits(context.model, _gait_codes(table, context)))
     if run.kind_name == "atlas":
@@ -192,7 +198,7 @@ def _mapped_column(table: pd.DataFrame, context: RunContext) -> str:
 
 
 def _gait_codes(table: pd.DataFrame, context: RunContext) -> Int[np.ndarray, " records"]:
-    """The number of the gait of each record, (n,), from its observables; -1 where one is not finite.
+    """The number of the gait of each record, (n,), from its observables; -1 of a record without numbers.
 
     All records of a row whose parameter does not move have the gait of its last record.
     """
@@ -200,8 +206,8 @@ def _gait_codes(table: pd.DataFrame, context: RunContext) -> Int[np.ndarray, " r
     observed = table[[f"{name}_n" for name in names]].to_numpy(float)
     rows = table["row"].to_numpy(np.int64)
     of_records = dict(zip(names, observed.T, strict=True))
-    codes = _labelled_gaits(context, rows, table["t"].to_numpy(float), of_records)
-    codes = np.where(np.isfinite(observed).all(axis=1), codes, -1)
+    t = table["t"].to_numpy(float)
+    codes = np.where(np.isfinite(t), _labelled_gaits(context, rows, t, of_records), -1)
     if context.job.run.moved:
         return codes
     return np.asarray(pd.Series(codes).groupby(rows).transform("last").to_numpy(), np.int64)
@@ -230,8 +236,7 @@ def _labelled_gaits(
         params = model.params(values) if drive is None else drive(values, time)
         return model.label(params, observed)["gait"]
 
-    finite = {name: np.nan_to_num(values) for name, values in observed.items()}
-    return gait_codes(np.asarray(jax.jit(jax.vmap(gait_of))(parameters, np.nan_to_num(t), finite)))
+    return gait_codes(np.asarray(jax.jit(jax.vmap(gait_of))(parameters, np.nan_to_num(t), observed)))
 
 
 def _most_records(table: pd.DataFrame, exact: Sequence[str], room: float) -> int:

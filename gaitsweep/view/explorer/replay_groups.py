@@ -414,7 +414,9 @@ def _groups_of_records(table: pd.DataFrame, context: RunContext, most: int) -> l
     if context.job.run.kind_name == "staircase":
         stairs = int(np.asarray(table["stair"]).max()) + 1
         rows = np.sort(_spread(rows, max(1, most // stairs)))
-        return [ReplayStairs(table, np.flatnonzero(usable & np.isin(of_row, rows)), context)]
+        records = np.flatnonzero(usable & np.isin(of_row, rows))
+        return [ReplayStairs(table, records[:most], context)]
     rows = np.sort(_spread(rows, max(1, most // 2)))
-    count = int(min(_MAX_WINDOWS, max(2, most // len(rows))))
-    return [ReplayRamp(table, context, rows, count)]
+    count = int(min(_MAX_WINDOWS, most // len(rows)))
+    ramp = ReplayRamp(table, context, rows, count)
+    return [ramp] if len(ramp.records) else []  # none has records after its start

@@ -34,6 +34,7 @@ from gaitsweep.view.movie.side_view import (
 
 SAMPLES_PER_CYCLE = 64  # of contacts, in a nominal cycle
 PICTURES_EVERY = 2  # samples
+_NO_PERIOD = 1.0  # s, where no row has a nominal period
 _BLOCK_BYTES = 128 * 2**20  # of the signals of the rows of one block
 _MAX_GROWTH = 4.0  # of the body's size since the first picture; a row in which it grows further diverges
 
@@ -186,7 +187,10 @@ class Replayer:
             {name: float(values[place]) for name, values in at_start.items()} for place in range(rows.size)
         ]
         hosted = {name: jnp.asarray(values) for name, values in model.on_host(at_start).items()}
-        self.periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
+        periods = np.asarray(jax.vmap(lambda values: model.period(model.params(values)))(hosted))
+        known = np.isfinite(periods) & (periods > 0.0)
+        # a row without a nominal period, which has failed, has the shortest one of the others
+        self.periods = np.where(known, periods, periods[known].min() if known.any() else _NO_PERIOD)
         self.every = float(self.periods.min()) / SAMPLES_PER_CYCLE
         self.parts: BodyParts | None = None
         self._contacts = [q.name for q in model.signals if q.name.startswith("contact_")]

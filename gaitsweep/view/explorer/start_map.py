@@ -106,7 +106,8 @@ def _cells(
 ) -> StartMap:
     """A map of cells centred at `values` along x and y, thinned to `most` of them.
 
-    `drawn` are the numbers of the groups of axes along x and y.
+    It has points if there are more slices than that. `drawn` are the numbers of the groups of axes along x
+    and y.
     """
     table = shown.table
     cell_of_record = [
@@ -114,10 +115,12 @@ def _cells(
         for name, centres in zip((shown.x, shown.y), values, strict=True)
     ]
     at = np.column_stack(cell_of_record)
-    step = 1
-    while np.count_nonzero((at % step == 0).all(axis=1)) > most:
-        step += 1
-    shown_cells = (at % step == 0).all(axis=1)
+    for step in range(1, max(map(len, values)) + 1):
+        shown_cells = (at % step == 0).all(axis=1)
+        if np.count_nonzero(shown_cells) <= most:
+            break
+    else:  # one cell of each slice would be too many
+        return _points(shown, job, drawn, most)
     table = rows_where(table, shown_cells)
     grids = job.design.grids
     return dataclasses.replace(
@@ -244,10 +247,10 @@ def _outcomes(table: pd.DataFrame) -> tuple[list[dict[str, Any]], Int[np.ndarray
     if "cycles" in table.columns:  # one record a row
         shown = outcome_labels(table, "gait")
     else:
-        observed = [name for name in map(str, table.columns) if name.endswith("_n")]
+        numbered = [name for name in ("t",) if name in table.columns]  # NaN in a record without numbers
         labels = np.where(table["gait"].notna(), table["gait"].astype(str), "none").astype(object)
         gone = table["status"].astype(str) == Status.no_fixed_point.name
-        labels[~sound(table, *observed[:1]) | gone.to_numpy()] = Outcome.FAILED
+        labels[~sound(table, *numbered) | gone.to_numpy()] = Outcome.FAILED
         shown = pd.Series(labels, table.index)
     names = in_order(table, "gait", shown)
     colours, markers = theme.colours(names), theme.markers(names)

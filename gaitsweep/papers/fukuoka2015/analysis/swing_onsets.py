@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from gaitsweep import near_miss
-from gaitsweep.analyses import AnalysisError, require
+from gaitsweep.analyses import AnalysisError, require, require_single_records
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
     CHART,
     LEGS,
@@ -50,10 +50,11 @@ def onsets_in(
         One record an onset: row, leg, t (s), status where the trace has it.
 
     Raises:
-        AnalysisError: the table does not have a column, or a leg is unknown.
+        AnalysisError: the table does not have a column, a leg is unknown, or a row has two samples of a time.
     """
     require(trace, "row", "t", *signals.values())
     require_legs(signals)
+    require_single_records(trace, "t")
     trace = trace.sort_values(["row", "t"], kind="stable")
     row, t = trace["row"].to_numpy(), trace["t"].to_numpy(float)
     way = -1.0 if falling else 1.0
@@ -82,9 +83,10 @@ def onsets_of_crossings(table: pd.DataFrame) -> pd.DataFrame:
         One record an onset: row, leg, t (s), status where the table has it.
 
     Raises:
-        AnalysisError: the table does not have a column.
+        AnalysisError: the table does not have a column, or a row has a crossing twice.
     """
     require(table, "row", "crossing", "t", *(SINCE.format(leg) for leg in LEGS))
+    require_single_records(table, "stair" if "stair" in table.columns else "crossing")
     copied = [column for column in ("row", "status") if column in table.columns]
     crossed = table.loc[table["crossing"] > 0]
     parts = []
@@ -250,7 +252,8 @@ def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, OfRows]:
     def add(name: str, leg: str, other: str, lowest: float) -> OfRows:
         """Add the mean phase of a leg in the cycles of another, from `lowest`, its length and spread."""
         mean, length = _mean(*_phases(by_leg[leg], by_leg[other]), count)
-        columns[name] = (mean - lowest) % 1.0 + lowest
+        # twice, since by rounding the share of a small negative phase is 1
+        columns[name] = (mean - lowest) % 1.0 % 1.0 + lowest
         columns[f"length_{name}"] = length
         deviation = np.sqrt(2.0 * np.abs(np.log(np.maximum(length, 1e-300))))  # rad
         columns[f"spread_{name}"] = deviation / (2.0 * math.pi)
@@ -260,7 +263,7 @@ def _shifts(cycles: pd.DataFrame, count: int) -> dict[str, OfRows]:
     delta_1 = add("delta_1", hind_1, fore_1, -0.5)
     delta_2 = add("delta_2", hind_2, fore_2, -0.5)
     between = add("antiphase", fore_2, fore_1, 0.0)
-    columns["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0
+    columns["antiphase"] = (between + 0.5 * (delta_2 - delta_1)) % 1.0 % 1.0
     for leg in LEGS:
         add(f"phase_{leg}", leg, "LF", 0.0)
     return columns
