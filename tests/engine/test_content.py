@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +42,51 @@ class Force:
 
 
 force = Force()
+
+
+class Kilograms(float):
+    """A number of a class of its own."""
+
+
+class Weights(list[float]):
+    """A list with an attribute."""
+
+    unit = 1.0
+
+
+class Gains(NamedTuple):
+    """A named tuple with a method."""
+
+    k: float = 1.0
+
+    def doubled(self) -> float:
+        return 2.0 * self.k
+
+
+class Stiffness(enum.Enum):
+    """A choice among numbers."""
+
+    CHOSEN = 1.0
+
+
+class Scaled(type):
+    """A class of classes with an attribute."""
+
+    scale = 1.0
+
+
+class Scales(metaclass=Scaled):
+    """A class with the attributes of its class."""
+
+
+CLASSES: dict[str, tuple[Any, Any, str]] = {
+    "number": (Kilograms(1.0), Kilograms(4.0), ""),
+    "named tuple": (Gains(), Gains(), "doubled"),
+    "list": (Weights([1.0]), Weights([1.0]), "unit"),
+    "enumeration": (Stiffness.CHOSEN, enum.Enum("Stiffness", {"CHOSEN": 4.0}, module=__name__).CHOSEN, ""),  # type: ignore[attr-defined]
+    "class of a class": (Scales, Scales, "scale"),
+}
+of_class: Any = None
 
 
 def helper(x: jax.Array, exponent: float = 1.0) -> jax.Array:
@@ -121,6 +167,45 @@ def test_content_includes_what_functions_read(
     change(1.0)
     TABLE.put(0, 1.0)
     assert content_of(Spring()) == before
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_content_includes_what_a_class_of_ones_own_adds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        return of_class
+
+    before, after, attribute = CLASSES[name]
+    monkeypatch.setattr(sys.modules[__name__], "of_class", before)
+    content = content_of(function)
+    assert content_of(function) == content
+    monkeypatch.setattr(sys.modules[__name__], "of_class", after)
+    if attribute:
+        kind = type(after) if not isinstance(after, Scaled) else Scaled
+        monkeypatch.setattr(kind, attribute, 4.0)
+    assert content_of(function) != content
+
+
+def test_content_of_modules_that_import_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        return own.beside.K, own.beside.own  # type: ignore[attr-defined]
+
+    beside = types.ModuleType("own_beside")
+    beside.K, beside.own = 1.0, own  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "own_beside", beside)
+    monkeypatch.setattr(own, "beside", beside, raising=False)
+    before = content_of(function)
+    monkeypatch.setattr(beside, "K", 4.0)
+    assert content_of(function) != before
+
+
+def test_content_includes_a_module_of_a_closure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def enclosing(module: Any) -> Callable[[], float]:
+        return lambda: module.K
+
+    function = enclosing(own)
+    before = content_of(function)
+    monkeypatch.setattr(own, "K", 4.0)
+    assert content_of(function) != before
 
 
 def test_content_excludes_what_no_function_reads(monkeypatch: pytest.MonkeyPatch) -> None:
