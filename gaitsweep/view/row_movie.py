@@ -242,6 +242,10 @@ def _prepared(
             f"{motion.model.name} has a skeleton that cannot be drawn: it has no points, or some that are "
             "not finite."
         )
+    if not np.ptp(points, axis=1).any() and not points[..., 2].any():
+        raise PlotError(
+            f"{motion.model.name} has a skeleton that cannot be drawn: it is a point on the ground."
+        )
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.cycle, "", pace)
@@ -275,12 +279,16 @@ def _prepared(
 
 
 def _places(clip: Clip) -> Float[np.ndarray, " places"]:
-    """Places (m) along the ground, closer than a hundredth of the body's width, that a clip may show."""
+    """Places (m) along the ground, closer than a hundredth of the body's width, that a clip may show.
+
+    Of a body without a width, such as an upright rod, its height takes the place of the width.
+    """
     half, height, _ = side_view.bounds(clip.skeleton, clip.camera)
     reach = 4.0 * max(half, height)
     ahead = clip.camera[:, 0]
     first, last = float(ahead.min()) - reach, float(ahead.max()) + reach
-    return np.linspace(first, last, min(_MOST_PLACES, int((last - first) / (0.01 * half)) + 2))
+    places = (last - first) / (0.01 * (half or height))
+    return np.linspace(first, last, int(min(_MOST_PLACES, places + 2)))
 
 
 class _MujocoDrawing:

@@ -502,6 +502,21 @@ def test_a_skeleton_that_is_not_finite_is_refused(chain: Path, monkeypatch: pyte
         movie.write_movie(chain)
 
 
+def test_an_upright_spring_is_drawn_and_a_point_on_the_ground_refused(
+    chain: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    spring = np.zeros((1, 2, 3))
+
+    def skeleton(self: Multilegged, values: Any, signals: Any) -> Skeleton:
+        return Skeleton((), springs=(np.repeat(spring, len(signals["l_1"]), axis=0),))
+
+    monkeypatch.setattr(Multilegged, "skeleton", skeleton)
+    with pytest.raises(gs.plot.PlotError, match="point on the ground"):
+        movie.write_still(chain, tmp_path / "point.png")
+    spring[0, 0, 2] = 1.0
+    assert movie.write_still(chain, tmp_path / "spring.png").exists()
+
+
 @pytest.mark.parametrize("fps", [25.0, 30.0, 40.0, 48.0])
 def test_a_gif_lasts_as_long_as_its_frames(fps: float, tmp_path: Path) -> None:
     """A GIF has whole hundredths of a second for each frame, which have to add up to the right length."""

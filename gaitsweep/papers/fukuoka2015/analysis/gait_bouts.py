@@ -47,6 +47,7 @@ def gaits_along(table: pd.DataFrame, *, cycles: int = 3) -> pd.DataFrame:
     if cycles < 1:
         raise AnalysisError(f"cycles is {cycles}, but a window has at least 1 cycle.")
     onsets = onsets_of(table)
+    onsets = onsets.loc[np.isfinite(onsets["t"].to_numpy(float))]
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
