@@ -66,11 +66,13 @@ class _Code(NamedTuple):
         names: the names that it reads.
         is_known: whether the digest holds all that it reads: no name may read files, the environment or a
             clock.
+        imports: whether it imports modules, which are among its names.
     """
 
     digest: bytes
     names: tuple[str, ...]
     is_known: bool
+    imports: bool
 
 
 _CODES: WeakKeyDictionary[types.CodeType, _Code] = WeakKeyDictionary()
@@ -176,6 +178,9 @@ class ContentReader:
             if name in of_module:
                 self._add("global", name.encode())
                 self._global(of_module[name], code.names)
+            for imported in (name, f"{of_module.get('__package__')}.{name}") if code.imports else ():
+                if imported in sys.modules and is_user_module(imported):
+                    self._global(sys.modules[imported], code.names)
 
     def _global(
         self, value: Any, names: tuple[str, ...], within: frozenset[str] | set[str] = frozenset()
@@ -279,7 +284,8 @@ def _code(code: types.CodeType) -> _Code:
         return _CODES[code]
     names = dict.fromkeys(code.co_names)
     digest = hashlib.sha256()
-    is_known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
+    imports = _IMPORTS in code.co_code[::2]
+    is_known = _UNKNOWN.isdisjoint(code.co_names) and not imports
     signature = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     digest.update(repr((signature, code.co_names, code.co_varnames, code.co_freevars)).encode())
     digest.update(code.co_code + code.co_exceptiontable)
@@ -287,13 +293,14 @@ def _code(code: types.CodeType) -> _Code:
         if isinstance(constant, types.CodeType):
             inner = _code(constant)
             is_known &= inner.is_known
+            imports |= inner.imports
             digest.update(inner.digest)
             names |= dict.fromkeys(inner.names)
             continue
         # the order of a frozenset differs between processes
         text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
         digest.update(f"{type(constant).__name__} {text}".encode())
-    _CODES[code] = _Code(digest.digest(), tuple(names), is_known)
+    _CODES[code] = _Code(digest.digest(), tuple(names), is_known, imports)
     return _CODES[code]
 
 

@@ -198,6 +198,17 @@ def test_content_of_modules_that_import_each_other(monkeypatch: pytest.MonkeyPat
     assert content_of(function) != before
 
 
+def test_content_includes_a_module_that_a_function_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        import own_constants  # type: ignore[import-not-found]
+
+        return own_constants.K
+
+    before = content_of(function)
+    monkeypatch.setattr(own, "K", 4.0)
+    assert content_of(function) != before
+
+
 def test_content_includes_a_module_of_a_closure(monkeypatch: pytest.MonkeyPatch) -> None:
     def enclosing(module: Any) -> Callable[[], float]:
         return lambda: module.K
