@@ -376,7 +376,13 @@ def _sources(argument: Any) -> Iterable[Model | Callable[..., Any]]:
     model = getattr(argument, "model", argument)
     if isinstance(model, Model):
         return (model,)
-    return (argument,) if isinstance(argument, types.FunctionType) else getattr(argument, "functions", ())
+    if hasattr(argument, "functions"):
+        return argument.functions
+    kind = type(argument)
+    if isinstance(argument, type) or not callable(argument) or kind.__module__.startswith("gaitsweep."):
+        return ()
+    # jitted and partial functions, methods and objects that are called, too, if they can be remembered
+    return (argument,) if kind.__weakrefoffset__ else ()
 
 
 def content_of(model: Model | Callable[..., Any]) -> str:

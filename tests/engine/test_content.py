@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import sys
 import types
 from collections.abc import Callable
@@ -87,6 +88,16 @@ CLASSES: dict[str, tuple[Any, Any, str]] = {
     "class of a class": (Scales, Scales, "scale"),
 }
 of_class: Any = None
+
+
+class Calls:
+    """An object with a method that calls a function."""
+
+    def __init__(self, function: Callable[[], float]) -> None:
+        self.function = function
+
+    def value(self) -> float:
+        return self.function()
 
 
 def helper(x: jax.Array, exponent: float = 1.0) -> jax.Array:
@@ -306,7 +317,10 @@ def test_a_map_made_of_another_one_has_the_content_of_its_model(monkeypatch: pyt
     assert compiled(mapping) == 4.0
 
 
-def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", [lambda f: f, jax.jit, functools.partial, lambda f: Calls(f).value])
+def test_a_function_among_the_arguments_follows_a_change(
+    kind: Callable[[Callable[[], float]], Callable[[], float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     @cached_by_content(maxsize=8)
     def compiled(draws: Callable[[], float]) -> float:
         return draws()
@@ -314,9 +328,10 @@ def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.Mon
     def gain() -> float:
         return GAIN
 
-    assert compiled(gain) == 1.0
+    function = kind(gain)
+    assert compiled(function) == 1.0
     _global(monkeypatch)
-    assert compiled(gain) == 4.0
+    assert compiled(function) == 4.0
 
 
 def test_a_map_given_as_a_function_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
