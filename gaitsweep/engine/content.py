@@ -32,6 +32,7 @@ from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.own_modules import modules_beside
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
+_BASES: tuple[Any, ...] = (int, float, complex, str, bytes)
 # what is read by its elements; a user's class that derives from one has attributes and methods as well
 _CONTAINERS = (tuple, list, set, frozenset, Mapping, np.ndarray)
 # entries of a class that decide no number, or repeat others
@@ -243,9 +244,9 @@ class ContentReader:
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
             self.read(getattr(value, name))
-        for plain in _PLAIN:
-            if isinstance(value, plain):  # a number or a text of a class of its own
-                self._add(plain.__name__, plain.__repr__(value).encode())
+        for base in _BASES:
+            if isinstance(value, base):  # a number or a text of a class of its own
+                self._add(base.__name__, base.__repr__(value).encode())
         if hasattr(value, "__dict__") or any(True for _ in _slots(kind)):
             self.read(kind)
             self.attributes(value)

@@ -116,6 +116,10 @@ def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
     with pytest.raises(AnalysisError, match="no passes"):
         speed_transitions(crossings_of("trot"))
     table = ramp_of([("trot", 30)], [("trot", 30)])
+    falling = table.copy()
+    falling.attrs["job"] = {"run": {"kind": "ramp", "parameter": "v_d", "path": [2.0, 1.0, 2.0]}}
+    with pytest.raises(AnalysisError, match="falls in pass 0, from 2 to 1"):
+        speed_transitions(falling)
     with pytest.raises(AnalysisError, match="cycles is 0"):
         speed_transitions(table, cycles=0)
     with pytest.raises(AnalysisError, match="t"):

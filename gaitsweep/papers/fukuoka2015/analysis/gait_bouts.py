@@ -178,13 +178,20 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
         the rows that have both, m/s), rows (with both), of (all rows).
 
     Raises:
-        AnalysisError: the table does not have a column, or has no passes up and down.
+        AnalysisError: the table does not have a column, or has no passes up and down, or its parameter falls
+            in pass 0.
     """
     by = [by] if isinstance(by, str) else list(by)
     require(table, "row", "t", *by)
     if "pass" not in table.columns:
         raise AnalysisError(
             "These rows have no passes up and down: use a ramp, or a trace with run.parameter."
+        )
+    path = table.attrs.get("job", {}).get("run", {}).get("path") or []
+    if len(path) > 1 and path[1] < path[0]:
+        raise AnalysisError(
+            f"The parameter falls in pass 0, from {path[0]:g} to {path[1]:g}, but must rise there and "
+            "fall in pass 1: begin run.path at the lower value."
         )
     along = gaits_along(after_dwell(table), cycles=cycles)
     if "speed" not in along.columns:
