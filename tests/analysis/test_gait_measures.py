@@ -153,3 +153,14 @@ def test_pitch_along_a_row() -> None:
     assert list(result.loc[["walk", "gallop"], "body_cycles"]) == [2, 1]
     assert result.loc["walk", "twice"] == pytest.approx(0.01, rel=0.05)
     assert result.loc["gallop", "once"] == pytest.approx(0.03, rel=0.05)
+
+
+def test_pitch_that_is_not_known_agrees_with_no_number_of_oscillations() -> None:
+    table = trace_of("trot", duration=6.0)
+    t = table["t"].to_numpy()
+    table = table.assign(pitch=0.01 * np.sin(8.0 * np.pi * t))
+    gap = table.assign(pitch=table["pitch"].where((t < 2.0) | (t > 2.1)))
+    (bout,) = oscillation_along(gap).to_dict("records")
+    assert (bout["body_cycles"], bout["agree"]) == (2, 1.0)
+    (bout,) = oscillation_along(table.assign(pitch=np.nan)).to_dict("records")
+    assert np.isnan([bout["once"], bout["body_cycles"], bout["agree"]]).all()

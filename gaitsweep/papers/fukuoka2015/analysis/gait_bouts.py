@@ -265,7 +265,8 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     of_rows = gaits_in(trace)
     named = of_rows["gait"].isin(CHART).to_numpy()
     gaits = of_rows[["row", *axes_of(trace), "gait", "period"]].loc[named].reset_index(drop=True)
-    samples_of = {row: samples.sort_values("t") for row, samples in trace.groupby("row")}
+    known = trace.loc[np.isfinite(trace["t"].to_numpy(float))]
+    samples_of = {row: samples.sort_values("t") for row, samples in known.groupby("row")}
     amplitudes = np.zeros((len(gaits), 2))
     for number, (row, period) in enumerate(zip(gaits["row"], gaits["period"], strict=True)):
         t, pitch = (samples_of[row][name].to_numpy(float) for name in ("t", "pitch"))
@@ -305,8 +306,9 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
 
     Returns:
         One record a bout, in order: row, pass, family, speed_begin and speed_end (m/s), windows, once and
-        twice (median amplitudes over the windows, rad), body_cycles (oscillations a gait cycle: 2 if twice is
-        larger than once, else 1), and agree (share of windows with that number).
+        twice (median amplitudes over the windows with a pitch throughout, rad), body_cycles (oscillations a
+        gait cycle: 2 if twice is larger than once, else 1), and agree (share of these windows with that
+        number); NaN without such a window.
 
     Raises:
         AnalysisError: the table does not have a column.
@@ -331,9 +333,11 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
     for _, windows in along.groupby(["row", "pass"], sort=True):
         for bout in gait_bouts(windows).to_dict("records"):
             during = windows["t"].between(bout["begin"], bout["end"])
-            of_bout = windows.loc[during & (windows["family"] == bout["family"])]
+            of_bout = windows.loc[during & (windows["family"] == bout["family"])].dropna(
+                subset=["once", "twice"]
+            )
             medians = {name: of_bout[name].median() for name in ("once", "twice")}
-            count = 2 if medians["twice"] > medians["once"] else 1
+            count = (2 if medians["twice"] > medians["once"] else 1) if len(of_bout) else np.nan
             agree = (of_bout["twice"] > of_bout["once"]) == (count == 2)
             record = {"row": windows["row"].iloc[0], "pass": int(windows["pass"].iloc[0])}
             record |= {name: bout[name] for name in of_bouts}
