@@ -111,6 +111,7 @@ def test_bad_arguments_are_refused(table: Any) -> None:
     for amplification in (False, True):
         with pytest.raises(AnalysisError, match=r"scales\.x0 is not a start; did you mean x_0\?"):
             gs.quantifiers(table, "edge", scales={"x0": 0.2}, amplification=amplification)
+        scale: Any
         for scale in (0.0, np.inf, "x"):
             with pytest.raises(AnalysisError, match=r"scale of x_0 is .*must be a number above 0"):
                 gs.quantifiers(table, "edge", scales={"x_0": scale}, amplification=amplification)
