@@ -84,7 +84,8 @@ def write_movie(
     start = float(motion.t[0]) if start is None else start
     speed = usual_speed(motion.period) if speed is None else speed
     end = _end(motion, start, seconds, on_message)
-    count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
+    # a speed near 0 would give a number of frames that is infinite
+    count = int(min((end - start) / speed * fps * (1.0 + 1e-9), 1e15)) + 1
     if not 2 <= count <= _MAX_FRAMES:
         raise PlotError(
             f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MAX_FRAMES} are allowed: "

@@ -142,6 +142,7 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--lift", "0"], "--lift is 0"),
         (["--lift", "2", "--renderer", "mujoco"], "1 with --renderer mujoco"),
         (["--speed", "1e-6"], "2 to 3000"),
+        (["--speed", "1e-320"], "2 to 3000"),
         (["--speed", "100"], "1 frame,"),
         (["--fps", "60"], "0.01 to 50"),
         (["--fps", "0.001"], "0.01 to 50"),
