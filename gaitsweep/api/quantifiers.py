@@ -83,6 +83,7 @@ def quantifiers(
     Raises:
         AnalysisError: the table lacks a column, an argument is not allowed, or the return map of the
             table's model has no derivative.
+        ArgumentError: `amplification` is asked for, and the table is joined of several.
         JobError: the table's model is not found.
 
     Example:

@@ -32,6 +32,9 @@ from gaitsweep.contract import Model, SteppedModel
 from gaitsweep.own_modules import modules_beside
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes, type(...))
+_BASES: tuple[Any, ...] = (int, float, complex, str, bytes)
+# what is read by its elements; a user's class that derives from one has attributes and methods as well
+_CONTAINERS = (tuple, list, set, frozenset, Mapping, np.ndarray)
 # entries of a class that decide no number, or repeat others
 _FORMAL = {
     *("__module__", "__qualname__", "__doc__", "__dict__", "__weakref__", "__annotations__"),
@@ -39,6 +42,8 @@ _FORMAL = {
     *("__slots__", "__abstractmethods__", "_abc_impl", "__firstlineno__", "__static_attributes__"),
     *("__annotate_func__", "__annotations_cache__", "__annotate__", "__classdictcell__"),
 }
+# what every named tuple has, made from its fields
+_OF_NAMED_TUPLES = {"__new__", "_make", "_replace", "_asdict", "__getnewargs__", "__replace__"}
 # packages whose versions, or whose meaning, are the same wherever a digest for other processes is compared
 _KNOWN = {
     *("gaitsweep", "jax", "jaxlib", "jaxtyping", "numpy", "builtins", "math", "cmath", "operator"),
@@ -62,11 +67,13 @@ class _Code(NamedTuple):
         names: the names that it reads.
         is_known: whether the digest holds all that it reads: no name may read files, the environment or a
             clock.
+        imports: whether it imports modules, which are among its names.
     """
 
     digest: bytes
     names: tuple[str, ...]
     is_known: bool
+    imports: bool
 
 
 _CODES: WeakKeyDictionary[types.CodeType, _Code] = WeakKeyDictionary()
@@ -91,6 +98,10 @@ class ContentReader:
         if kind in _PLAIN:
             self._add(kind.__name__, repr(value).encode())
             return
+        if isinstance(value, types.ModuleType):  # not named by its place: `_global` reads its members
+            self._note_module(value.__name__)
+            self._add("module", value.__name__.encode())
+            return
         if (place := self._seen.get(id(value))) is not None:
             self._add("again", str(place).encode())
             return
@@ -100,9 +111,6 @@ class ContentReader:
             self._function(value)
         elif isinstance(value, type):
             self._class(value)
-        elif isinstance(value, types.ModuleType):
-            self._note_module(value.__name__)
-            self._add("module", value.__name__.encode())
         elif isinstance(value, Enum):
             self._add("enum", f"{kind.__module__}.{value}".encode())
         elif isinstance(value, np.ndarray | np.generic | jax.Array):
@@ -115,6 +123,10 @@ class ContentReader:
             self._all(kind.__name__, itertools.chain.from_iterable(list(value.items())))
         else:
             self._object(value)
+            return
+        if isinstance(value, (*_CONTAINERS, Enum)) and is_user_module(kind.__module__):
+            self.read(kind)
+            self.attributes(value)
 
     def attributes(self, value: Any) -> None:
         """Add the attributes of an object, without its cached properties."""
@@ -128,7 +140,10 @@ class ContentReader:
     def _note_module(self, module: str | None) -> None:
         """Note whether other processes know what a module defines, by its name or its content."""
         top = str(module).partition(".")[0]
-        self.lasting &= top in _KNOWN or (top in sys.modules and is_user_module(str(module)))
+        # Python's modules in C have an underscore
+        self.lasting &= top.removeprefix("_") in _KNOWN or (
+            top in sys.modules and is_user_module(str(module))
+        )
 
     def _add(self, label: str, data: bytes) -> None:
         self.digest.update(f"{label} {len(data)}:".encode() + data)
@@ -146,14 +161,17 @@ class ContentReader:
         self._add("function", code.digest)
         self.read(function.__defaults__)
         self.read(function.__kwdefaults__)
+        of_module = function.__globals__
+        is_users = is_user_module(str(of_module.get("__name__")))
         for cell in function.__closure__ or ():
             try:
-                self.read(cell.cell_contents)
+                enclosed = cell.cell_contents
             except ValueError:  # not filled yet
                 self._add("empty", b"")
-        of_module = function.__globals__
+            else:
+                self._global(enclosed, code.names if is_users else ())
         self._note_module(of_module.get("__name__"))
-        if not is_user_module(str(of_module.get("__name__"))):
+        if not is_users:
             return
         self.lasting &= code.is_known
         self.read(vars(function))
@@ -161,20 +179,26 @@ class ContentReader:
             if name in of_module:
                 self._add("global", name.encode())
                 self._global(of_module[name], code.names)
+            for imported in (name, f"{of_module.get('__package__')}.{name}") if code.imports else ():
+                if imported in sys.modules and is_user_module(imported):
+                    self._global(sys.modules[imported], code.names)
 
-    def _global(self, value: Any, names: tuple[str, ...]) -> None:
-        """Add a global; of a module its members with one of the code's `names`."""
-        if not isinstance(value, types.ModuleType) or id(value) in self._seen:
-            self.read(value)
+    def _global(
+        self, value: Any, names: tuple[str, ...], within: frozenset[str] | set[str] = frozenset()
+    ) -> None:
+        """Add a global or a value of a closure; of a module its members with one of the code's `names`.
+
+        `within` names the modules that are being read, which may import each other.
+        """
+        self.read(value)
+        if not isinstance(value, types.ModuleType) or value.__name__ in within:
             return
         is_users = is_user_module(value.__name__)
-        self._note_module(value.__name__)
-        self._add("module", value.__name__.encode())
         for name in names:
             member = vars(value).get(name)
             if member is not None and (is_users or isinstance(member, (*_PLAIN, np.ndarray, np.generic))):
                 self._add("of module", name.encode())
-                self._global(member, names)
+                self._global(member, names, {*within, value.__name__})
 
     def _class(self, kind: type) -> None:
         """Add the name of a class, and the members of all of its bases that a user may change."""
@@ -187,10 +211,14 @@ class ContentReader:
             is_models = base.__module__.startswith("gaitsweep.models.")
             if not (is_called or is_models or is_user_module(base.__module__)):
                 continue
+            is_named_tuple = issubclass(base, tuple) and "_fields" in vars(base)
+            formal = _FORMAL | _OF_NAMED_TUPLES if is_named_tuple else _FORMAL
             for name, value in list(vars(base).items()):
-                if name not in _FORMAL:
+                if name not in formal:
                     self._add("member", name.encode())
                     self.read(value)
+        if is_user_module(type(kind).__module__):  # whose attributes are those of the class
+            self.read(type(kind))
 
     def _array(self, value: Any) -> None:
         """Add the dtype, shape and numbers of an array."""
@@ -207,13 +235,18 @@ class ContentReader:
         """Add an object by what it refers to, or else by its pickle."""
         kind = type(value)
         module = kind.__module__
-        if module == "builtins":  # such as a built-in function, which knows its own module
-            module = getattr(value, "__module__", "builtins")
+        if module == "builtins":  # such as a built-in function, which knows its own module or class
+            owner = getattr(value, "__self__", None)
+            of_owner = owner.__module__ if isinstance(owner, type) else None
+            module = getattr(value, "__module__", "builtins") or of_owner
         self._note_module(module)
         self._add("object", f"{kind.__module__}.{kind.__qualname__}".encode())
         parts = [name for name in _PARTS.get(kind, ("__wrapped__",)) if hasattr(value, name)]
         for name in parts:
             self.read(getattr(value, name))
+        for base in _BASES:
+            if isinstance(value, base):  # a number or a text of a class of its own
+                self._add(base.__name__, base.__repr__(value).encode())
         if hasattr(value, "__dict__") or any(True for _ in _slots(kind)):
             self.read(kind)
             self.attributes(value)
@@ -252,7 +285,8 @@ def _code(code: types.CodeType) -> _Code:
         return _CODES[code]
     names = dict.fromkeys(code.co_names)
     digest = hashlib.sha256()
-    is_known = _UNKNOWN.isdisjoint(code.co_names) and _IMPORTS not in code.co_code[::2]
+    imports = _IMPORTS in code.co_code[::2]
+    is_known = _UNKNOWN.isdisjoint(code.co_names) and not imports
     signature = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     digest.update(repr((signature, code.co_names, code.co_varnames, code.co_freevars)).encode())
     digest.update(code.co_code + code.co_exceptiontable)
@@ -260,13 +294,14 @@ def _code(code: types.CodeType) -> _Code:
         if isinstance(constant, types.CodeType):
             inner = _code(constant)
             is_known &= inner.is_known
+            imports |= inner.imports
             digest.update(inner.digest)
             names |= dict.fromkeys(inner.names)
             continue
         # the order of a frozenset differs between processes
         text = sorted(map(repr, constant)) if isinstance(constant, frozenset) else repr(constant)
         digest.update(f"{type(constant).__name__} {text}".encode())
-    _CODES[code] = _Code(digest.digest(), tuple(names), is_known)
+    _CODES[code] = _Code(digest.digest(), tuple(names), is_known, imports)
     return _CODES[code]
 
 
@@ -342,7 +377,13 @@ def _sources(argument: Any) -> Iterable[Model | Callable[..., Any]]:
     model = getattr(argument, "model", argument)
     if isinstance(model, Model):
         return (model,)
-    return (argument,) if isinstance(argument, types.FunctionType) else getattr(argument, "functions", ())
+    if hasattr(argument, "functions"):
+        return argument.functions
+    kind = type(argument)
+    if isinstance(argument, type) or not callable(argument) or kind.__module__.startswith("gaitsweep."):
+        return ()
+    # jitted and partial functions, methods and objects that are called, too, if they can be remembered
+    return (argument,) if kind.__weakrefoffset__ else ()
 
 
 def content_of(model: Model | Callable[..., Any]) -> str:

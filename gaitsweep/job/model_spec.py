@@ -114,6 +114,9 @@ def read_model_spec(
         model_class = models.find(read_text(name), folders)
     except (models.ModelError, InvalidValue) as error:
         return None, [Diagnostic(("model",), str(error))]
+    if structure is not None and not isinstance(structure, Mapping):
+        text = f"is {quoted(structure)}, but must be a mapping of names to values (name: value)."
+        return None, [Diagnostic(("structure",), text)]
     fields = {field.name: field for field in dataclasses.fields(model_class) if field.init}  # type: ignore[arg-type]
     # the values of structural fields with their paths, in the order in which they take effect
     written: list[tuple[Path, str, Any]] = []

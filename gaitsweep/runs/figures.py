@@ -257,6 +257,7 @@ def _with_fields(asked: Mapping[str, Any], fields: Sequence[str]) -> Mapping[str
         ArgumentError: a text is not of this form, or no figure has the field.
     """
     specs = [dict(spec) for spec in asked.get("figures") or []]
+    kinds = [plot.FIGURES.get(str(spec.get("kind"))) for spec in specs]
     for text in fields:
         path, equals, written = text.partition("=")
         field, _, key = path.strip().partition(".")
@@ -264,14 +265,14 @@ def _with_fields(asked: Mapping[str, Any], fields: Sequence[str]) -> Mapping[str
             raise ArgumentError(f"--set is {text}, but must be FIELD=VALUE, such as title=none.")
         value = read_value(written, f"--set {text}")
         allowed: dict[str, None] = {}
-        for spec in specs:
-            of_kind = plot.FIGURES[spec["kind"]].model_fields if spec.get("kind") in plot.FIGURES else {}
+        for spec, kind in zip(specs, kinds, strict=True):
+            of_kind = {} if kind is None else kind.model_fields
             allowed |= dict.fromkeys(name for name in of_kind if name not in ("kind", "name"))
             if key and not isinstance(spec.get(field) or {}, Mapping):
                 raise ArgumentError(f"--set {text}: {field} has no fields of its own.")
             if field in of_kind:
                 spec[field] = {**(spec.get(field) or {}), key: value} if key else value
-        if specs and field not in allowed:
+        if specs and None not in kinds and field not in allowed:  # an unknown kind is refused by itself
             near = near_miss.suggestion(field, allowed)
             raise ArgumentError(f"--set {field}: no figure has this field{near}")
     return {**asked, "figures": specs} if specs else asked

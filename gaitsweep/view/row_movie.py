@@ -84,7 +84,8 @@ def write_movie(
     start = float(motion.t[0]) if start is None else start
     speed = usual_speed(motion.period) if speed is None else speed
     end = _end(motion, start, seconds, on_message)
-    count = int((end - start) / speed * fps * (1.0 + 1e-9)) + 1
+    # a speed near 0 would give a number of frames that is infinite
+    count = int(min((end - start) / speed * fps * (1.0 + 1e-9), 1e15)) + 1
     if not 2 <= count <= _MAX_FRAMES:
         raise PlotError(
             f"The movie would have {count} frame{'s' * (count != 1)}, but 2 to {_MAX_FRAMES} are allowed: "
@@ -242,6 +243,10 @@ def _prepared(
             f"{motion.model.name} has a skeleton that cannot be drawn: it has no points, or some that are "
             "not finite."
         )
+    if not np.ptp(points, axis=1).any() and not points[..., 2].any():
+        raise PlotError(
+            f"{motion.model.name} has a skeleton that cannot be drawn: it is a point on the ground."
+        )
     heading = side_view.heading(skeleton)
     contact = motion.contact(len(skeleton.limbs))
     clip = Clip(times, side_view.turned(skeleton, heading), motion.t, contact, motion.cycle, "", pace)
@@ -275,12 +280,16 @@ def _prepared(
 
 
 def _places(clip: Clip) -> Float[np.ndarray, " places"]:
-    """Places (m) along the ground, closer than a hundredth of the body's width, that a clip may show."""
+    """Places (m) along the ground, closer than a hundredth of the body's width, that a clip may show.
+
+    Of a body without a width, such as an upright rod, its height takes the place of the width.
+    """
     half, height, _ = side_view.bounds(clip.skeleton, clip.camera)
     reach = 4.0 * max(half, height)
     ahead = clip.camera[:, 0]
     first, last = float(ahead.min()) - reach, float(ahead.max()) + reach
-    return np.linspace(first, last, min(_MOST_PLACES, int((last - first) / (0.01 * half)) + 2))
+    places = (last - first) / (0.01 * (half or height))
+    return np.linspace(first, last, int(min(_MOST_PLACES, places + 2)))
 
 
 class _MujocoDrawing:

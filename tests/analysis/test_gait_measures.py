@@ -116,6 +116,10 @@ def test_a_row_that_keeps_its_gait_has_no_transition() -> None:
     with pytest.raises(AnalysisError, match="no passes"):
         speed_transitions(crossings_of("trot"))
     table = ramp_of([("trot", 30)], [("trot", 30)])
+    falling = table.copy()
+    falling.attrs["job"] = {"run": {"kind": "ramp", "parameter": "v_d", "path": [2.0, 1.0, 2.0]}}
+    with pytest.raises(AnalysisError, match="falls in pass 0, from 2 to 1"):
+        speed_transitions(falling)
     with pytest.raises(AnalysisError, match="cycles is 0"):
         speed_transitions(table, cycles=0)
     with pytest.raises(AnalysisError, match="t"):
@@ -149,3 +153,14 @@ def test_pitch_along_a_row() -> None:
     assert list(result.loc[["walk", "gallop"], "body_cycles"]) == [2, 1]
     assert result.loc["walk", "twice"] == pytest.approx(0.01, rel=0.05)
     assert result.loc["gallop", "once"] == pytest.approx(0.03, rel=0.05)
+
+
+def test_pitch_that_is_not_known_agrees_with_no_number_of_oscillations() -> None:
+    table = trace_of("trot", duration=6.0)
+    t = table["t"].to_numpy()
+    table = table.assign(pitch=0.01 * np.sin(8.0 * np.pi * t))
+    gap = table.assign(pitch=table["pitch"].where((t < 2.0) | (t > 2.1)))
+    (bout,) = oscillation_along(gap).to_dict("records")
+    assert (bout["body_cycles"], bout["agree"]) == (2, 1.0)
+    (bout,) = oscillation_along(table.assign(pitch=np.nan)).to_dict("records")
+    assert np.isnan([bout["once"], bout["body_cycles"], bout["agree"]]).all()

@@ -12,7 +12,7 @@ import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
 from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import gait_bouts, gaits_along
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import gaits_counted, gaits_in, own_gaits_in
-from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of
+from gaitsweep.papers.fukuoka2015.analysis.swing_onsets import Steadiness, gait_of, onsets_of
 from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import CHART, LEGS, family, signs
 from tests.support.gait_traces import crossings_of, ends, trace_of, traces
 
@@ -145,6 +145,12 @@ def test_a_row_of_less_than_three_cycles_has_no_gaits_along() -> None:
     along = gaits_along(trace_of("trot", duration=0.9))
     assert along.empty
     assert set(along.columns) >= {"gait", "gait_at_0.05", "family"}
+
+
+def test_onsets_without_a_time_have_no_windows() -> None:
+    onsets = onsets_of(trace_of("trot", duration=4.0))
+    unknown = pd.concat([onsets, onsets.tail(1).assign(leg="LF", t=np.nan)], ignore_index=True)
+    pd.testing.assert_frame_equal(gaits_along(unknown), gaits_along(onsets))
 
 
 def test_a_table_without_onsets_has_no_gaits() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.analysis.atlas import order_changes
 from gaitsweep.analysis.atlas.order_changes import changes_of_order
 
 # The height is p + cos(theta - pi/4) / sqrt(2), so that it rises through zero with the bell at this p.
@@ -107,3 +108,12 @@ def test_a_change_of_order_in_words() -> None:
         "without foot 1 lands",
         "without heel, then toe, lands",
     }
+
+
+def test_changes_beyond_the_most_of_a_step_are_noted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(order_changes, "MOST_CHANGES", 0)
+    before = {"at": None, "events": [(0.1, "foot 1 lands"), (0.2, "foot 2 lands")]}
+    after: dict[str, Any] = {"at": None, "events": [(0.1, "foot 2 lands"), (0.2, "foot 1 lands")]}
+    problem: Any = None
+    assert list(order_changes._marks_on_step(problem, before, after)) == []
+    assert after["changes"] == ("foot 1 lands and foot 2 lands change places",)

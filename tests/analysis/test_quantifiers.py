@@ -111,6 +111,10 @@ def test_bad_arguments_are_refused(table: Any) -> None:
     for amplification in (False, True):
         with pytest.raises(AnalysisError, match=r"scales\.x0 is not a start; did you mean x_0\?"):
             gs.quantifiers(table, "edge", scales={"x0": 0.2}, amplification=amplification)
+        scale: Any
+        for scale in (0.0, np.inf, "x"):
+            with pytest.raises(AnalysisError, match=r"scale of x_0 is .*must be a number above 0"):
+                gs.quantifiers(table, "edge", scales={"x_0": scale}, amplification=amplification)
 
 
 def test_boundaries_are_smooth_or_intermingled_and_shared_or_not() -> None:

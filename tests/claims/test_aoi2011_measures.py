@@ -246,6 +246,7 @@ def test_path_and_slip() -> None:
         (straight.head(0), "no rows"),
         (straight.assign(q_1=np.where(t > 2.0, np.nan, 0.0)), "row 0 lacks a position"),
         (straight.assign(q_0=0.0, q_1=0.0), "row 0 does not move"),
+        (straight.head(1), "row 0 is shorter than a cycle"),
     ):
         with pytest.raises(AnalysisError, match=reason):
             motion_measures.sideways_share(wrong)
@@ -272,6 +273,15 @@ def test_values_of_gaits(stairs: pd.DataFrame) -> None:
         settled, stairs, observable="delta_13", where="abs(f) < 0.01", gaits=["walk", "trot"]
     )
     assert moved < 0.01
+
+
+def test_a_row_that_falls_does_not_keep_its_gait(stairs: pd.DataFrame) -> None:
+    """It has no records of the stairs that it did not reach."""
+    walks = stairs.assign(gait="walk")
+    assert motion_measures.gait_kept(walks, gait="walk") == 1.0
+    falls = walks.loc[(walks["row"] > 0) | (walks["stair"] < 5)]
+    falls = falls.assign(status=np.where(falls["row"] == 0, "fell", "complete"))
+    assert motion_measures.gait_kept(falls, gait="walk") == pytest.approx(2 / 3)
 
 
 def test_constants() -> None:

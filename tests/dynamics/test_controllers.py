@@ -373,6 +373,11 @@ def test_a_model_file_is_the_class_that_one_would_write() -> None:
             "    ankle: {swing: 0.1}\n    hip: {swing",
             r"line 6: controller\.joints\.ankle moves nothing, since no leg has it: write ankle: JOINT",
         ),
+        (
+            "    hip: {swing",
+            "    foot: {swing: 0.1}\n    hip: {swing",
+            r"line 6: controller\.joints\.foot is the entry of a leg that names the geom .* such as ankle",
+        ),
         ("  joints:", "  kp: 3\n  joints:", "kp or kd, but all of its joints have <position>"),
         ("body: biped.xml", "body: bipd.xml", r"line 2: body is not accepted: .*bipd\.xml does not exist"),
         ("body: biped.xml", "body: .", "line 2: body is not accepted: .*is a folder"),

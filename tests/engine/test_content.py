@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
+import functools
 import sys
 import types
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +43,61 @@ class Force:
 
 
 force = Force()
+
+
+class Kilograms(float):
+    """A number of a class of its own."""
+
+
+class Weights(list[float]):
+    """A list with an attribute."""
+
+    unit = 1.0
+
+
+class Gains(NamedTuple):
+    """A named tuple with a method."""
+
+    k: float = 1.0
+
+    def doubled(self) -> float:
+        return 2.0 * self.k
+
+
+class Stiffness(enum.Enum):
+    """A choice among numbers."""
+
+    CHOSEN = 1.0
+
+
+class Scaled(type):
+    """A class of classes with an attribute."""
+
+    scale = 1.0
+
+
+class Scales(metaclass=Scaled):
+    """A class with the attributes of its class."""
+
+
+CLASSES: dict[str, tuple[Any, Any, str]] = {
+    "number": (Kilograms(1.0), Kilograms(4.0), ""),
+    "named tuple": (Gains(), Gains(), "doubled"),
+    "list": (Weights([1.0]), Weights([1.0]), "unit"),
+    "enumeration": (Stiffness.CHOSEN, enum.Enum("Stiffness", {"CHOSEN": 4.0}, module=__name__).CHOSEN, ""),  # type: ignore[attr-defined]
+    "class of a class": (Scales, Scales, "scale"),
+}
+of_class: Any = None
+
+
+class Calls:
+    """An object with a method that calls a function."""
+
+    def __init__(self, function: Callable[[], float]) -> None:
+        self.function = function
+
+    def value(self) -> float:
+        return self.function()
 
 
 def helper(x: jax.Array, exponent: float = 1.0) -> jax.Array:
@@ -121,6 +178,56 @@ def test_content_includes_what_functions_read(
     change(1.0)
     TABLE.put(0, 1.0)
     assert content_of(Spring()) == before
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_content_includes_what_a_class_of_ones_own_adds(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        return of_class
+
+    before, after, attribute = CLASSES[name]
+    monkeypatch.setattr(sys.modules[__name__], "of_class", before)
+    content = content_of(function)
+    assert content_of(function) == content
+    monkeypatch.setattr(sys.modules[__name__], "of_class", after)
+    if attribute:
+        kind = type(after) if not isinstance(after, Scaled) else Scaled
+        monkeypatch.setattr(kind, attribute, 4.0)
+    assert content_of(function) != content
+
+
+def test_content_of_modules_that_import_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        return own.beside.K, own.beside.own  # type: ignore[attr-defined]
+
+    beside = types.ModuleType("own_beside")
+    beside.K, beside.own = 1.0, own  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "own_beside", beside)
+    monkeypatch.setattr(own, "beside", beside, raising=False)
+    before = content_of(function)
+    monkeypatch.setattr(beside, "K", 4.0)
+    assert content_of(function) != before
+
+
+def test_content_includes_a_module_that_a_function_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    def function() -> Any:
+        import own_constants  # type: ignore[import-not-found]
+
+        return own_constants.K
+
+    before = content_of(function)
+    monkeypatch.setattr(own, "K", 4.0)
+    assert content_of(function) != before
+
+
+def test_content_includes_a_module_of_a_closure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def enclosing(module: Any) -> Callable[[], float]:
+        return lambda: module.K
+
+    function = enclosing(own)
+    before = content_of(function)
+    monkeypatch.setattr(own, "K", 4.0)
+    assert content_of(function) != before
 
 
 def test_content_excludes_what_no_function_reads(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,7 +317,10 @@ def test_a_map_made_of_another_one_has_the_content_of_its_model(monkeypatch: pyt
     assert compiled(mapping) == 4.0
 
 
-def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", [lambda f: f, jax.jit, functools.partial, lambda f: Calls(f).value])
+def test_a_function_among_the_arguments_follows_a_change(
+    kind: Callable[[Callable[[], float]], Callable[[], float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     @cached_by_content(maxsize=8)
     def compiled(draws: Callable[[], float]) -> float:
         return draws()
@@ -218,9 +328,10 @@ def test_a_function_among_the_arguments_follows_a_change(monkeypatch: pytest.Mon
     def gain() -> float:
         return GAIN
 
-    assert compiled(gain) == 1.0
+    function = kind(gain)
+    assert compiled(function) == 1.0
     _global(monkeypatch)
-    assert compiled(gain) == 4.0
+    assert compiled(function) == 4.0
 
 
 def test_a_map_given_as_a_function_follows_a_change(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,6 +92,13 @@ def test_models_without_a_source_or_with_a_data_file_are_not_stored(folder: Path
     assert lasting_content(model) is None
 
 
+def test_a_model_that_reads_a_named_tuple_is_stored(folder: Path) -> None:
+    imports = (
+        "from typing import NamedTuple\n\nclass Gains(NamedTuple):\n    k: float = 1.0\n\ngains = Gains()\n"
+    )
+    assert lasting_content(spring(folder, imports, "gains.k")) is not None
+
+
 def test_an_edited_module_beside_a_model_is_another_content(folder: Path) -> None:
     model = spring(folder)
     before = lasting_content(model)

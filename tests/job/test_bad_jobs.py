@@ -107,6 +107,8 @@ LINES: list[tuple[int, str, list[str]]] = [
     # structure and config
     (3, "structure: {N: 0}", ["line 3", "structure.N is 0", "whole number from 1 to 8"]),
     (3, "structure: {N: 1.5}", ["line 3", "structure.N is 1.5", "whole number"]),
+    (3, "structure: N=2", ["line 3", 'structure is "N=2"', "name: value"]),
+    (3, "structure: [2]", ["line 3", "structure is a list (2)", "name: value"]),
     (3, "structure: {M: 2}", ["line 3", "structure.M is not part of the structure", "Allowed: N"]),
     (3, "params: {N: 9}", ["line 3", "params.N is 9", "from 1 to 8"]),
     (3, "structure: {N: 2}\nparams: {N: 3}", ["line 4", "params.N is 3", "structure.N is 2"]),

@@ -77,6 +77,12 @@ def test_small_tables_and_those_of_unknown_axes_are_shown_whole() -> None:
     assert thinned({**manifest(a=2), "rows": 10**8}) is None
 
 
+@pytest.mark.parametrize("kind", ["bassin", ["basin"]])
+def test_a_field_of_figures_leaves_an_unknown_kind_to_be_refused_by_name(kind: Any) -> None:
+    asked = {"figures": [{"kind": kind}]}
+    assert figures._with_fields(asked, ["title=none"]) == asked
+
+
 @pytest.mark.slow
 def test_the_figure_of_a_thinned_table_has_a_remark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hops.yaml").write_text(JOB)

@@ -142,6 +142,7 @@ def test_a_strip_of_poses_is_a_figure_of_its_directory(quadruped: Path, chain: P
         (["--lift", "0"], "--lift is 0"),
         (["--lift", "2", "--renderer", "mujoco"], "1 with --renderer mujoco"),
         (["--speed", "1e-6"], "2 to 3000"),
+        (["--speed", "1e-320"], "2 to 3000"),
         (["--speed", "100"], "1 frame,"),
         (["--fps", "60"], "0.01 to 50"),
         (["--fps", "0.001"], "0.01 to 50"),
@@ -500,6 +501,21 @@ def test_a_skeleton_that_is_not_finite_is_refused(chain: Path, monkeypatch: pyte
     monkeypatch.setattr(Multilegged, "skeleton", lost)
     with pytest.raises(movie.PlotError, match=r"skeleton that cannot be drawn: .* not finite"):
         movie.write_movie(chain)
+
+
+def test_an_upright_spring_is_drawn_and_a_point_on_the_ground_refused(
+    chain: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    spring = np.zeros((1, 2, 3))
+
+    def skeleton(self: Multilegged, values: Any, signals: Any) -> Skeleton:
+        return Skeleton((), springs=(np.repeat(spring, len(signals["l_1"]), axis=0),))
+
+    monkeypatch.setattr(Multilegged, "skeleton", skeleton)
+    with pytest.raises(gs.plot.PlotError, match="point on the ground"):
+        movie.write_still(chain, tmp_path / "point.png")
+    spring[0, 0, 2] = 1.0
+    assert movie.write_still(chain, tmp_path / "spring.png").exists()
 
 
 @pytest.mark.parametrize("fps", [25.0, 30.0, 40.0, 48.0])

@@ -324,19 +324,19 @@ def _marked(branch: Branch) -> Branch:
 
 
 def _marks_on_step(problem: ContinuationProblem, before: Record, after: Record) -> Iterator[Record]:
-    """A record for each change on the step between two records; `after` notes one that is not located."""
+    """A record for each change on the step between two records; `after` notes those that are not located."""
     begin, events_at_begin = before["at"], before["events"]
     for _ in range(MOST_CHANGES):
         if not changes_of_order(events_at_begin, after["events"]):
             return
         located = _located_change(problem, begin, after["at"], events_at_begin)
         if located is None:
-            after["changes"] = changes_of_order(events_at_begin, after["events"])
-            return
+            break
         last, (begin, events_at_begin) = located
         changes = changes_of_order(last.events, events_at_begin)
         mark = {"special": "order_change", "changes": changes, "events": last.events}
         yield record_of(problem, last.point) | mark
+    after["changes"] = changes_of_order(events_at_begin, after["events"])
 
 
 def _changes_beyond(branch: Branch, at_end: int, inner: int, events: Events) -> tuple[str, ...]:

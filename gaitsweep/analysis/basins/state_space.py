@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import numbers
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -37,16 +38,13 @@ class Space:
         """The space of these columns, each divided by its scale; angles have the period of a full turn.
 
         Raises:
-            AnalysisError: the table does not have a column, a scale is not above 0, or one has another name
-                than the columns.
+            AnalysisError: the table does not have a column, or a scale is no number above 0 or has another
+                name than the columns.
         """
         require(table, *columns)
         scales = scales or {}
         check_scales(scales, columns, "one of the columns")
         divisors = np.array([float(scales.get(name, 1.0)) for name in columns])
-        for name, scale in zip(columns, divisors, strict=True):
-            if not scale > 0.0:
-                raise AnalysisError(f"The scale of {name} is {scale:g}, but must be above 0.")
         turns = np.array([TURN if is_circular(table, name) else 0.0 for name in columns])
         return cls(turns / divisors, divisors)
 
@@ -110,7 +108,7 @@ class Space:
 
 
 def check_scales(scales: Mapping[str, float], allowed: Sequence[str], noun: str = "a start") -> None:
-    """Refuse scales of names that are not allowed.
+    """Refuse scales of names that are not allowed, and those that are no numbers above 0.
 
     Args:
         scales: the scales by name.
@@ -118,11 +116,13 @@ def check_scales(scales: Mapping[str, float], allowed: Sequence[str], noun: str 
         noun: what an allowed name is, for the message.
 
     Raises:
-        AnalysisError: a name of `scales` is not one of `allowed`.
+        AnalysisError: a name of `scales` is not one of `allowed`, or a scale is no number above 0.
     """
-    for name in scales:
+    for name, scale in scales.items():
         if name not in allowed:
             raise AnalysisError(f"scales.{name} is not {noun}{near_miss.suggestion(name, allowed)}")
+        if not isinstance(scale, numbers.Real) or not 0.0 < float(scale) < np.inf:
+            raise AnalysisError(f"The scale of {name} is {scale}, but must be a number above 0.")
 
 
 def extent(points: StateArray) -> float:

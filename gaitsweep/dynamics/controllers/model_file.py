@@ -221,6 +221,9 @@ def _legs(document: Document, controller: Controller, m: Any) -> list[Leg]:
         raise _error(document, text, "controller")
     if (controller.joints is None) == (controller.path is None):
         raise _error(document, "needs either joints: or path:.", "controller")
+    if _FOOT in (controller.joints or ()):
+        text = "is the entry of a leg that names the geom of its foot: give the joint a role such as ankle."
+        raise _error(document, text, "controller", "joints", _FOOT)
     legs = [_leg(document, controller, m, name) for name in controller.legs]
     for role in controller.joints or ():
         if not any(role in leg.joints for leg in legs):

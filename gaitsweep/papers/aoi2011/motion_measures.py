@@ -28,6 +28,7 @@ from gaitsweep.claims import (
 )
 from gaitsweep.papers.aoi2011.waist_quadruped.mechanics import WaistMechanics
 from gaitsweep.papers.aoi2011.waist_quadruped.parameters import LIMBS
+from gaitsweep.status import Status
 
 # Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle; its share
 _CYCLE_TOLERANCE = 0.2
@@ -130,7 +131,7 @@ def _present(table: pd.DataFrame, column: str, subject: str) -> Float[np.ndarray
 
 @measure
 def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
-    """Share of the rows with a gait on the first stair that have it on every stair (1).
+    """Share of the rows with a gait on the first stair that have it on all stairs to the last (1).
 
     Args:
         table: a staircase's table.
@@ -139,12 +140,14 @@ def gait_kept(table: pd.DataFrame, *, gait: str) -> float:
     Raises:
         AnalysisError: no row has the gait on the first stair.
     """
-    require(table, "row", "stair", "gait")
+    require(table, "row", "stair", "gait", "status")
     has_gait = table["gait"].astype(str) == gait
+    # a row that ends early has no records of the stairs that it did not reach
+    keeps_gait = has_gait & Status.SOUND.among(table["status"])
     rows = table.loc[has_gait & (table["stair"] == table["stair"].min()), "row"]
     if rows.empty:
         raise AnalysisError(f"No row has the gait {gait} on the first stair.")
-    return float(np.mean(has_gait.groupby(table["row"]).all().loc[rows.unique()].to_numpy()))
+    return float(np.mean(keeps_gait.groupby(table["row"]).all().loc[rows.unique()].to_numpy()))
 
 
 @measure
@@ -186,9 +189,9 @@ def sideways_share(table: pd.DataFrame) -> float:
     for row, part in table.groupby("row"):
         part = part.sort_values("t")
         path = part[["q_0", "q_1"]].to_numpy(float)
-        step = float(np.median(np.diff(part["t"].to_numpy(float))))
+        t = part["t"].to_numpy(float)
         cycle = TURN / float(row_params(design, int(str(row))).omega)
-        samples = max(round(cycle / step), 1)
+        samples = max(round(cycle / float(np.median(np.diff(t)))), 1) if len(t) > 1 else 1
         if samples >= len(path):
             raise AnalysisError(f"The trace of row {row} is shorter than a cycle.")
         # averaged over a cycle, in which the body sways

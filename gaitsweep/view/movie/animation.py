@@ -73,8 +73,8 @@ class Clip:
 
 
 def middle(skeleton: Skeleton) -> Float[np.ndarray, "frames 2"]:
-    """The centre of a body along the ground, m: the mean of the points of its parts, or of its limbs."""
-    parts = skeleton.bodies or tuple(limb.points for limb in skeleton.limbs)
+    """The centre of a body along the ground, m: the mean of the points of its parts, limbs or springs."""
+    parts = skeleton.bodies or tuple(limb.points for limb in skeleton.limbs) or skeleton.springs
     return np.concatenate(parts, axis=1)[..., :2].mean(axis=1)
 
 

@@ -47,6 +47,7 @@ def gaits_along(table: pd.DataFrame, *, cycles: int = 3) -> pd.DataFrame:
     if cycles < 1:
         raise AnalysisError(f"cycles is {cycles}, but a window has at least 1 cycle.")
     onsets = onsets_of(table)
+    onsets = onsets.loc[np.isfinite(onsets["t"].to_numpy(float))]
     windows, inside = _windows(onsets.sort_values(["row", "t"], kind="stable", ignore_index=True), cycles)
     along = windows.assign(t=0.5 * (windows["begin"] + windows["end"]))
     if not len(along):
@@ -177,13 +178,20 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
         the rows that have both, m/s), rows (with both), of (all rows).
 
     Raises:
-        AnalysisError: the table does not have a column, or has no passes up and down.
+        AnalysisError: the table does not have a column, or has no passes up and down, or its parameter falls
+            in pass 0.
     """
     by = [by] if isinstance(by, str) else list(by)
     require(table, "row", "t", *by)
     if "pass" not in table.columns:
         raise AnalysisError(
             "These rows have no passes up and down: use a ramp, or a trace with run.parameter."
+        )
+    path = table.attrs.get("job", {}).get("run", {}).get("path") or []
+    if len(path) > 1 and path[1] < path[0]:
+        raise AnalysisError(
+            f"The parameter falls in pass 0, from {path[0]:g} to {path[1]:g}, but must rise there and "
+            "fall in pass 1: begin run.path at the lower value."
         )
     along = gaits_along(after_dwell(table), cycles=cycles)
     if "speed" not in along.columns:
@@ -257,7 +265,8 @@ def body_oscillation(trace: pd.DataFrame) -> pd.DataFrame:
     of_rows = gaits_in(trace)
     named = of_rows["gait"].isin(CHART).to_numpy()
     gaits = of_rows[["row", *axes_of(trace), "gait", "period"]].loc[named].reset_index(drop=True)
-    samples_of = {row: samples.sort_values("t") for row, samples in trace.groupby("row")}
+    known = trace.loc[np.isfinite(trace["t"].to_numpy(float))]
+    samples_of = {row: samples.sort_values("t") for row, samples in known.groupby("row")}
     amplitudes = np.zeros((len(gaits), 2))
     for number, (row, period) in enumerate(zip(gaits["row"], gaits["period"], strict=True)):
         t, pitch = (samples_of[row][name].to_numpy(float) for name in ("t", "pitch"))
@@ -297,8 +306,9 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
 
     Returns:
         One record a bout, in order: row, pass, family, speed_begin and speed_end (m/s), windows, once and
-        twice (median amplitudes over the windows, rad), body_cycles (oscillations a gait cycle: 2 if twice is
-        larger than once, else 1), and agree (share of windows with that number).
+        twice (median amplitudes over the windows with a pitch throughout, rad), body_cycles (oscillations a
+        gait cycle: 2 if twice is larger than once, else 1), and agree (share of these windows with that
+        number); NaN without such a window.
 
     Raises:
         AnalysisError: the table does not have a column.
@@ -323,9 +333,11 @@ def oscillation_along(trace: pd.DataFrame, cycles: int = 4) -> pd.DataFrame:
     for _, windows in along.groupby(["row", "pass"], sort=True):
         for bout in gait_bouts(windows).to_dict("records"):
             during = windows["t"].between(bout["begin"], bout["end"])
-            of_bout = windows.loc[during & (windows["family"] == bout["family"])]
+            of_bout = windows.loc[during & (windows["family"] == bout["family"])].dropna(
+                subset=["once", "twice"]
+            )
             medians = {name: of_bout[name].median() for name in ("once", "twice")}
-            count = 2 if medians["twice"] > medians["once"] else 1
+            count = (2 if medians["twice"] > medians["once"] else 1) if len(of_bout) else np.nan
             agree = (of_bout["twice"] > of_bout["once"]) == (count == 2)
             record = {"row": windows["row"].iloc[0], "pass": int(windows["pass"].iloc[0])}
             record |= {name: bout[name] for name in of_bouts}
