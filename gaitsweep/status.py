@@ -45,8 +45,8 @@ class StatusNames(frozenset[str]):
         if (categories := getattr(getattr(values, "dtype", None), "categories", None)) is not None:
             import pandas as pd
 
-            known = [*(name in self for name in categories), False]  # a missing status has the code -1
-            return np.array(known)[pd.Categorical(values).codes]
+            known = np.append(self.among(np.asarray(categories)), False)  # a missing status has the code -1
+            return known[pd.Categorical(values).codes]
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])

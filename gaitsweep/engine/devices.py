@@ -9,18 +9,23 @@ threads, so that a computation there would never end.
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import importlib.util
+import json
 import os
 import pkgutil
 import resource
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
+from gaitsweep.cache_folder import cache_folder, load_cached, store_cached
 from gaitsweep.errors import ArgumentError, UnsupportedSystem
-from gaitsweep.lazy_imports import after_jax
+from gaitsweep.lazy_imports import after_jax, jax_version
 
 Device = Any  # a jax.Device, which type checkers do not accept as a type, or a `KnownDevice`
 
@@ -42,12 +47,14 @@ class KnownDevice(NamedTuple):
 # Below this limit of virtual memory LLVM ends the process (measured on two cores), bytes.
 MIN_VIRTUAL_MEMORY = 2_300_000_000
 
-_computed_before = False  # whether JAX had computed when this process was forked
+_computed_before = False  # whether JAX or CUDA had begun to work when this process was forked
+_cards_known = False  # whether CUDA has been asked for cards
 
 
 def _note_fork() -> None:
-    """Note in a new fork whether JAX had computed in its parent."""
+    """Note in a new fork whether JAX had computed, or CUDA had begun, in its parent."""
     global _computed_before
+    _computed_before |= _cards_known
     if "jax" not in sys.modules:
         return
     try:
@@ -69,8 +76,8 @@ def refuse_fork() -> None:
     """
     if _computed_before:
         raise UnsupportedSystem(
-            "This process is a fork of one that has computed with JAX, and lacks the threads of JAX, so the "
-            "computation would never end. Use one call with all values, which uses all cores; or start "
+            "This process is a fork of one that has computed with JAX or a GPU, and lacks their threads, so "
+            "the computation would never end. Use one call with all values, which uses all cores; or start "
             "processes by multiprocessing.get_context('spawn'), or pass a Dask client as client=."
         )
 
@@ -121,7 +128,9 @@ def _see_all_cores() -> None:
             jax.config.update("jax_num_cpu_devices", cores)
 
 
-# Beginnings of environment variables whose effect on the devices of JAX is known, or that have none.
+# Beginnings of the environment variables that JAX reads, and of those of them that do not change its devices,
+# or whose effect `_known_devices` knows.
+_SETTINGS = ("JAX_", "XLA_", "PJRT_", "TPU_LIBRARY_PATH")
 _KNOWN_SETTINGS = (
     *("JAX_PLATFORMS", "JAX_DEFAULT_DEVICE", "JAX_ENABLE_X64", "JAX_LOG"),
     *("JAX_COMPILATION_CACHE", "JAX_PERSISTENT_CACHE"),
@@ -129,34 +138,58 @@ _KNOWN_SETTINGS = (
 
 
 def _known_devices() -> list[KnownDevice] | None:
-    """The devices that JAX would have, where they are certain without its import, which takes time."""
-    settings = [name for name in os.environ if name.startswith(("JAX_", "XLA_"))]
+    """The devices that JAX would have, where they are certain without its import, which takes time.
+
+    They are the cores where no accelerator is installed or allowed, and cards that JAX has found before.
+    """
+    settings = [name for name in os.environ if name.startswith(_SETTINGS)]
     if "jax" in sys.modules or not all(name.startswith(_KNOWN_SETTINGS) for name in settings):
         return None
-    requested = os.environ.get("JAX_PLATFORMS", "").partition(",")[0]
-    others = set() if requested == "cpu" else _accelerators()
-    if not others and requested in ("", "cpu"):
+    requested = [name for name in os.environ.get("JAX_PLATFORMS", "").split(",") if name]
+    if set(requested) == {"cpu"} or not (requested or _accelerators()):
         return [KnownDevice("cpu", "cpu", number) for number in range(usable_cores())]
-    nvidia = {name for name in others if name.startswith("xla_cuda")}
-    if not nvidia or not (requested in ("cuda", "gpu") if requested else nvidia == others):
+    confirmed = _file_of_cards() if not requested or requested[0] in ("cuda", "gpu") else None
+    cards = None if confirmed is None else load_cached(confirmed)
+    return None if cards is None else [KnownDevice(*card) for card in json.loads(cards)]
+
+
+def _file_of_cards() -> Path | None:
+    """The file that has the cards which JAX finds here; None where there is no card, or no cache.
+
+    Its name is a digest of what decides that: the cards with their driver, the versions of JAX and of its
+    plugins, and the environment in which CUDA's libraries are found.
+    """
+    global _cards_known
+    folder = cache_folder("programs")
+    accelerators = _accelerators()
+    if folder is None or not any(name.startswith("xla_cuda") for name in accelerators):
         return None
+    _cards_known = True
     try:
+        from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
         from cuda.core import Device as Card  # pyright: ignore[reportMissingImports]
 
-        return [KnownDevice("gpu", c.name, number) for number, c in enumerate(Card.get_all_devices())] or None
+        cards = [card.name for card in Card.get_all_devices()]
+        version = [str(number) for number in driver.cuDriverGetVersion()]
     except Exception:  # its type depends on the package and its version; JAX then says what is missing
         return None
+    variables = {
+        name: os.environ.get(name) for name in ("JAX_PLATFORMS", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES")
+    }
+    deciding = (cards, version, jax_version(), sorted(accelerators.items()), sorted(variables.items()))
+    return folder / f"devices_{hashlib.sha256(repr(deciding).encode()).hexdigest()[:32]}"
 
 
-def _accelerators() -> set[str]:
-    """The names of the installed plugins with which JAX uses accelerators."""
-    names = {plugin.name for plugin in metadata.entry_points(group="jax_plugins")}
+@functools.cache
+def _accelerators() -> dict[str, str]:
+    """The installed plugins with which JAX uses accelerators: the version of each, as far as it has one."""
     package = importlib.util.find_spec("jax_plugins")
     folders = [] if package is None else package.submodule_search_locations
-    names |= {module.name for module in pkgutil.iter_modules(folders)}
+    versions = dict.fromkeys((module.name for module in pkgutil.iter_modules(folders)), "")
     if importlib.util.find_spec("libtpu") is not None:
-        names.add("libtpu")
-    return names
+        versions["libtpu"] = ""
+    points = metadata.entry_points(group="jax_plugins")
+    return versions | {point.name: "" if point.dist is None else point.dist.version for point in points}
 
 
 def of_jax(device: Device) -> Device:
@@ -167,13 +200,14 @@ def of_jax(device: Device) -> Device:
     """
     if not isinstance(device, KnownDevice):
         return device
-    devices = jax.local_devices()
-    if [d.platform for d in devices[device.local_hardware_id :][:1]] != [device.platform]:
-        raise UnsupportedSystem(
-            f"JAX does not find device {device.local_hardware_id} ({device.device_kind}) here. For an NVIDIA "
-            "GPU install 'gaitsweep[cuda]', or set JAX_PLATFORMS=cpu."
-        )
-    return devices[device.local_hardware_id]
+    with contextlib.suppress(RuntimeError):  # of a platform that does not start
+        for found in jax.local_devices()[device.local_hardware_id :][:1]:
+            if found.platform == device.platform:
+                return found
+    raise UnsupportedSystem(
+        f"JAX does not find device {device.local_hardware_id} ({device.device_kind}) here. For an NVIDIA GPU "
+        "install 'gaitsweep[cuda]' again, or set JAX_PLATFORMS=cpu."
+    )
 
 
 def local_devices(count: int | None = None) -> list[Device]:
@@ -190,10 +224,17 @@ def local_devices(count: int | None = None) -> list[Device]:
     """
     refuse_fork()
     see_all_cores()
-    devices = _known_devices() or jax.local_devices()
+    devices = _known_devices()
+    if devices is None:
+        imports_jax = "jax" not in sys.modules  # as the next process would, for this alone
+        devices = jax.local_devices()
+        if imports_jax and devices[0].platform == "gpu" and (file := _file_of_cards()) is not None:
+            store_cached(
+                file, json.dumps([[d.platform, d.device_kind, d.local_hardware_id] for d in devices]).encode()
+            )
     if count is not None and count > len(devices):
-        available = "1 device" if len(devices) == 1 else f"{len(devices)} devices"
-        raise ArgumentError(f"engine.devices is {count}, but JAX finds only {available} here.")
+        available = "only 1 device" if len(devices) == 1 else f"only {len(devices)} devices"
+        raise ArgumentError(f"engine.devices is {count}, but there is {available} here.")
     return devices[:count]
 
 

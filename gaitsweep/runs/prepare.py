@@ -126,7 +126,7 @@ def prepare(job: Job) -> RunContext:
         raise RunError(str(error)) from error
     note = None if obstacle is None else f"engine: xla, because {obstacle}."
     lanes = job.engine.lanes or default_lanes(engine, rows.n_rows, devices[0].platform)
-    lanes = min(lanes, max(8, rows.n_rows))  # more would be idle from the start
+    lanes = _useful(lanes, rows.n_rows)
     steps = row_steps(rows, job.run, numerics)
     spec = SweepSpec(
         model=rows.model,
@@ -152,15 +152,23 @@ def prepare(job: Job) -> RunContext:
 def in_memory(context: RunContext) -> RunContext:
     """Return the context of the same rows for a table in memory: longer blocks, and more lanes on a CPU.
 
-    More rows are then open at a time, which an interrupt of such a run loses anyway. No result depends on it.
+    More rows are then open at a time; an interrupt loses all rows of such a table anyway. No result depends
+    on it.
     """
     engine, spec = context.job.engine, context.spec
     lanes = spec.lanes
-    if engine.lanes is None and spec.engine == "kernel":
-        lanes = default_lanes(spec.engine, spec.n_rows, spec.devices[0].platform, in_memory=True)
+    platform = spec.devices[0].platform
+    if engine.lanes is None and spec.engine == "kernel" and platform == "cpu":
+        lanes = max(lanes, default_lanes(spec.engine, spec.n_rows, platform, in_memory=True))
     block = rows_of_a_block(engine.block, spec.n_rows, in_memory=True)
-    longer = dataclasses.replace(spec, block=block, lanes=max(spec.lanes, lanes))
-    return dataclasses.replace(context, spec=longer)
+    return dataclasses.replace(
+        context, spec=dataclasses.replace(spec, block=block, lanes=_useful(lanes, spec.n_rows))
+    )
+
+
+def _useful(lanes: int, n_rows: int) -> int:
+    """Return the number of lanes of which none is idle from the start, but at least 8."""
+    return min(lanes, max(8, n_rows))
 
 
 def row_values(

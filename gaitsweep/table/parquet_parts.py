@@ -72,7 +72,7 @@ class EncodedPart(NamedTuple):
 
 
 class ArrowPart(NamedTuple):
-    """The records of a part in Arrow, and its footer."""
+    """The records of a part in Arrow, with the codes of categorical columns, and its footer."""
 
     records: pa.Table
     footer: Footer
@@ -115,7 +115,7 @@ def missing_blocks(numbers: Iterable[int], footers: Container[int]) -> list[int]
 
 
 def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
-    """Return the numbers of rows, in order, by status; the status of a row is that of its last record."""
+    """Return the numbers of rows by status, that of their last record, for records in the order of rows."""
     last_of_row = np.flatnonzero(np.diff(frame["row"].to_numpy(), append=-1))
     last = frame["status"].iloc[last_of_row]
     counts = {str(status): int(number) for status, number in last.value_counts().items() if number}

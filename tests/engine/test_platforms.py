@@ -77,42 +77,73 @@ def test_starts_are_worked_out_on_the_cpu_where_jax_sees_one(monkeypatch: pytest
     assert devices_on("cpu", "kernel")[0].platform == "cpu"
 
 
+@pytest.fixture
+def before_jax(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str, set[str]], None]:
+    """Let this process be one that has not imported JAX, with two cards, such platforms and such plugins."""
+    cards = [types.SimpleNamespace(name="NVIDIA H200")] * 2
+    cuda = types.SimpleNamespace(Device=types.SimpleNamespace(get_all_devices=lambda: cards))
+    driver = types.SimpleNamespace(cuDriverGetVersion=lambda: (0, 13000))
+    of_jax = [devices.KnownDevice("gpu", "NVIDIA H200", number) for number in range(2)]
+
+    def prepare(requested: str, plugins: set[str]) -> None:
+        for name, module in {"cuda": cuda, "cuda.core": cuda, "cuda.bindings": cuda}.items():
+            monkeypatch.setitem(sys.modules, name, module)
+        monkeypatch.setattr(cuda, "driver", driver, raising=False)
+        for name in [name for name in os.environ if name.startswith(devices._SETTINGS)]:
+            monkeypatch.delenv(name)
+        monkeypatch.setenv("JAX_PLATFORMS", requested)
+        monkeypatch.setattr(devices, "_accelerators", lambda: dict.fromkeys(plugins, "1.0"))
+        monkeypatch.setattr(devices, "_cards_known", False)
+        monkeypatch.setattr(devices, "cache_folder", lambda name: tmp_path)
+        monkeypatch.setattr(jax, "local_devices", lambda: of_jax)
+        assert devices._known_devices() is None  # once JAX is imported, it is asked
+        monkeypatch.delitem(sys.modules, "jax")
+
+    return prepare
+
+
 @pytest.mark.parametrize(
     ("requested", "plugins", "platform"),
     [
         ("", set(), "cpu"),
         ("cpu", {"xla_cuda13"}, "cpu"),
-        ("cpu,cuda", {"xla_cuda13"}, "cpu"),
-        ("", {"xla_cuda13"}, "gpu"),
-        ("cuda,cpu", {"xla_cuda13"}, "gpu"),
-        ("", {"xla_cuda13", "libtpu"}, None),
+        ("cpu,cuda", {"xla_cuda13"}, None),
+        ("cpu,typo", set(), None),
         ("cuda", set(), None),
         ("tpu", {"libtpu"}, None),
     ],
 )
 def test_devices_before_jax_is_imported(
-    requested: str, plugins: set[str], platform: str | None, monkeypatch: pytest.MonkeyPatch
+    requested: str, plugins: set[str], platform: str | None, before_jax: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """JAX is asked where its choice between several platforms is open, or a setting may change it."""
-    cards = [types.SimpleNamespace(name="NVIDIA H200")] * 2
-    cuda = types.SimpleNamespace(Device=types.SimpleNamespace(get_all_devices=lambda: cards))
-    for name in ("cuda", "cuda.core"):
-        monkeypatch.setitem(sys.modules, name, cuda)
-    for name in [name for name in os.environ if name.startswith(("JAX_", "XLA_"))]:
-        monkeypatch.delenv(name)
-    monkeypatch.setattr(devices, "_accelerators", lambda: plugins)
-    monkeypatch.setenv("JAX_PLATFORMS", requested)
-    assert devices._known_devices() is None  # once JAX is imported, it is asked
-    monkeypatch.delitem(sys.modules, "jax")
-    found = devices._known_devices()
+    before_jax(requested, plugins)
+    cores = [("cpu", "cpu", number) for number in range(devices.usable_cores())]
+    assert devices._known_devices() == (cores if platform else None)
     monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=1")
     assert devices._known_devices() is None
-    if platform is None:
-        assert found is None
-    else:
-        assert found is not None
-        kind, number = ("NVIDIA H200", 2) if platform == "gpu" else ("cpu", devices.usable_cores())
-        assert found == [(platform, kind, place) for place in range(number)]
+
+
+@pytest.mark.parametrize("requested", ["", "cuda,cpu"])
+def test_cards_that_jax_has_found_before(
+    requested: str, before_jax: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plugin may fail to start, so JAX is asked once for each driver."""
+    before_jax(requested, {"xla_cuda13"})
+    assert devices._known_devices() is None
+    found = devices.local_devices()
+    assert devices._known_devices() == found
+    monkeypatch.setattr(sys.modules["cuda.bindings"].driver, "cuDriverGetVersion", lambda: (0, 14000))
+    assert devices._known_devices() is None
+
+
+def test_a_fork_of_a_process_with_cards_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CUDA does not survive it."""
+    monkeypatch.setattr(devices, "_computed_before", False)
+    monkeypatch.setattr(devices, "_cards_known", True)
+    devices._note_fork()
+    with pytest.raises(UnsupportedSystem, match="fork of one that has computed with JAX or a GPU"):
+        devices.refuse_fork()
 
 
 def test_devices_without_jax_are_those_of_jax() -> None:

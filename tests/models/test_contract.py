@@ -71,6 +71,7 @@ def test_each_status_has_one_verdict() -> None:
     np.testing.assert_array_equal(Status.FAILED.among(names), [False, True, False])
     column = pd.Series(pd.Categorical(["fell", None, "settled"]))
     np.testing.assert_array_equal(Status.FAILED.among(column), [True, False, False])
+    np.testing.assert_array_equal(Status.FAILED.among(pd.Categorical(of_rows)), [False, True, False])
 
 
 def test_a_stepped_model_is_its_own_steps() -> None:

@@ -176,7 +176,7 @@ class CudaLanes(KernelLanes):
 
 
 class UniformConstants:
-    """Detects which constants of trajectories are equal in all rows.
+    """Detects which constants of trajectories may differ between rows: those that a differing input decides.
 
     Args:
         read: for each slot of the constants, the inputs that decide it.

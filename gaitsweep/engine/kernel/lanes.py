@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache, partial
@@ -26,6 +27,9 @@ from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, Opened, Row
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
 
+# Operations beyond which the host opens rows for a card too: NVRTC takes 5 s to compile 4 000 operations and
+# 26 s for the 14 000 of the chain of ten legs, LLVM 4 and 10 s.
+_LONG_OPENING = 5000
 # Rows that XLA opens in one call: constant, since its last bits depend on it.
 _BATCH = 64
 
@@ -180,14 +184,15 @@ class Kernel:
     def opening(self) -> tuple[TracedFunction, bool]:
         """The function that opens a row of `shapes`, and true.
 
-        If the scalar kernel lacks an operation of it: a function that returns its arguments, the numbers of
-        `OpenedRows`, and false.
+        If the scalar kernel lacks an operation of it, or it is long: a function that returns its arguments,
+        the numbers of `OpenedRows`, and false.
         """
         of_one = _opening_of_one(self.lane.open)
-        try:
-            return traced_function(of_one, self.shapes), True
-        except UnsupportedError:
-            return traced_function(lambda *opened: opened, jax.eval_shape(of_one, *self.shapes)), False
+        with contextlib.suppress(UnsupportedError):
+            opening = traced_function(of_one, self.shapes)
+            if len(opening.program.needed(opening.outputs)) <= _LONG_OPENING:
+                return opening, True
+        return traced_function(lambda *opened: opened, jax.eval_shape(of_one, *self.shapes)), False
 
     def stored(self, name: str, compute: Callable[[], Any], *others: Any) -> Any:
         """As `stored_traces.stored`, for this run."""

@@ -22,7 +22,8 @@ from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import RowOutcome
 
 # Each block takes some milliseconds, however few its rows, which add up on a GPU. But an unfinished block of
-# more than _LARGE_BLOCK rows takes much memory, and a worker of a cluster loses it as a whole.
+# more than _LARGE_BLOCK rows takes much memory, and a worker of a cluster loses it as a whole. A table in
+# memory is lost as a whole anyway, so it has fewer blocks.
 _SMALL_BLOCK = 1024
 _LARGE_BLOCK = 32_768
 _USUAL_BLOCKS = 64

@@ -18,6 +18,9 @@ from gaitsweep.errors import UserError
 # Initial polls in a chunk of a kernel, by kind of device. On a CPU chunks are short, since an ended row waits
 # for the end of its chunk; on a GPU the host's work after each chunk costs more.
 KERNEL_POLLS_PER_CHUNK = {"cpu": 16, "gpu": 128}
+# The most lanes of a kernel on a core by default.
+MOST_LANES = 512
+MOST_LANES_IN_MEMORY = 4096
 
 
 class EngineError(UserError):
@@ -102,8 +105,12 @@ def groups_on(device: Device, spec: SweepSpec) -> Sequence[Lanes]:
 
 def polls_per_chunk(spec: SweepSpec) -> int:
     """Initial polls of the recorder between two returns to the host."""
+    if spec.engine != "kernel":
+        return xla.POLLS_PER_CHUNK
     platform = spec.devices[0].platform
-    return KERNEL_POLLS_PER_CHUNK[platform] if spec.engine == "kernel" else xla.POLLS_PER_CHUNK
+    polls = KERNEL_POLLS_PER_CHUNK[platform]
+    # a core takes as long for its first chunk with many lanes as with few
+    return polls if platform != "cpu" else max(1, polls * MOST_LANES // max(spec.lanes, MOST_LANES))
 
 
 def default_lanes(engine: EngineName, n_rows: int, platform: str, *, in_memory: bool = False) -> int:
@@ -125,7 +132,7 @@ def default_lanes(engine: EngineName, n_rows: int, platform: str, *, in_memory: 
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
         fewest = 16
-        most = 4096 if in_memory else 512
+        most = MOST_LANES_IN_MEMORY if in_memory else MOST_LANES
         rows_per_lane = 8.0
     else:
         fewest = 8
