@@ -24,6 +24,7 @@ import gaitsweep as gs
 from gaitsweep import view
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
+from gaitsweep.examples.hopper import Hopper
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.explorer import write_explorer
@@ -211,6 +212,18 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
         assert len(values) == row["cycles"] + 1
         # the start and the end; 2^-16 of the range is lost
         np.testing.assert_allclose(values[[0, -1]], [row["x_0"], row["x_end"]], atol=1e-4)
+
+
+class SilentHopper(Hopper):
+    """A hopper that has no signals."""
+
+    signals = ()
+
+
+def test_rows_of_a_model_without_signals_walk(tmp_path: Path) -> None:
+    result = gs.sweep(SilentHopper(), launch_0=[2.5, 5.0], phase_0=2.0, verify=0)
+    fields = fields_of(result.explore(tmp_path / "page.html"))
+    assert len(fields["walks"]) == 2
 
 
 @pytest.mark.slow
