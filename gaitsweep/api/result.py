@@ -88,8 +88,8 @@ class Result:
             return read_manifest(self.path)
         if "manifest" not in self._table.attrs:
             raise ArgumentError(
-                "The table has no manifest in its .attrs, which pandas.concat and merge drop: join results by "
-                "gs.concat, or give the table of a run."
+                "The table has no manifest in its .attrs, which pandas.concat and merge drop: join results "
+                "by gs.concat, or give the table of a run."
             )
         return self._table.attrs["manifest"]
 

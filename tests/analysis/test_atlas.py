@@ -252,11 +252,10 @@ def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
 
 def test_a_closed_branch_stays_closed_from_another_record_on() -> None:
     """Its last step, here over a corner of the map, leads to its first record."""
+    at = SimpleNamespace(points=SimpleNamespace(at=np.zeros((1, 1))), parameter=np.zeros(1))
+    specials, ends = ("", "", "fold", "", "kink"), ("", "", "", "", "closed")
     records = [
-        {"special": special, "end": end, "at": SimpleNamespace(points=SimpleNamespace(at=at), parameter=at[0])}
-        for special, end, at in zip(
-            ["", "", "fold", "", "kink"], ["", "", "", "", "closed"], np.zeros((5, 1, 1)), strict=True
-        )
+        {"special": special, "end": end, "at": at} for special, end in zip(specials, ends, strict=True)
     ]
     branch = Branch(0, 1, 0, None, cast(Any, None), records, {}).begun_at(2)
     assert [record["special"] for record in branch.records] == ["fold", "", "kink", "", "fold"]

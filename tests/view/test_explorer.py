@@ -24,6 +24,7 @@ import gaitsweep as gs
 from gaitsweep import view
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
+from gaitsweep.contract import Quantity
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
@@ -217,7 +218,9 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
 class SilentHopper(Hopper):
     """A hopper that has no signals."""
 
-    signals = ()
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return ()
 
 
 def test_rows_of_a_model_without_signals_walk(tmp_path: Path) -> None:
