@@ -79,10 +79,19 @@ class Result:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """Job, hash, versions, device, timings, counts by status, self-check."""
-        if self._table is not None:
-            return self._table.attrs["manifest"]
-        return read_manifest(self.path)
+        """Job, hash, versions, device, timings, counts by status, self-check.
+
+        Raises:
+            ArgumentError: the table in memory has none in its `.attrs`.
+        """
+        if self._table is None:
+            return read_manifest(self.path)
+        if "manifest" not in self._table.attrs:
+            raise ArgumentError(
+                "The table has no manifest in its .attrs, which pandas.concat and merge drop: join results "
+                "by gs.concat, or give the table of a run."
+            )
+        return self._table.attrs["manifest"]
 
     @property
     def figures(self) -> list[Path]:
@@ -106,7 +115,8 @@ class Result:
         """Return the job file, as YAML text, whose run gives the same table.
 
         Raises:
-            ArgumentError: the model's class belongs to this session, and no file can name it.
+            ArgumentError: the model's class belongs to this session, and no file can name it; or as of
+                `manifest`.
         """
         job = self.manifest["job"]
         if not importable(job["model"]):
@@ -160,6 +170,8 @@ class Result:
 
     def _summary(self) -> list[str]:
         """Lines with the counts of rows, statuses and gaits, and the self-check."""
+        if self._table is not None and "manifest" not in self._table.attrs:
+            return [f"records: {len(self._table)}"]
         manifest = self.manifest
         lines = [f"rows: {manifest['rows']}"]
         for title, key in (("status", "counts"), ("gait", "gaits")):

@@ -127,11 +127,18 @@ def bound(low: float, high: float, *, open_ends: bool) -> str:
         low, high: the bounds; one of them may be infinite.
         open_ends: whether the bounds themselves are excluded.
     """
+    least, most = shown(low), shown(high)
     if math.isinf(high):
-        return f"{'above' if open_ends else 'at least'} {low:g}"
+        return f"{'above' if open_ends else 'at least'} {least}"
     if math.isinf(low):
-        return f"{'below' if open_ends else 'at most'} {high:g}"
-    return f"between {low:g} and {high:g}, ends excluded" if open_ends else f"from {low:g} to {high:g}"
+        return f"{'below' if open_ends else 'at most'} {most}"
+    return f"between {least} and {most}, ends excluded" if open_ends else f"from {least} to {most}"
+
+
+def shown(number: float) -> str:
+    """Write a number in six digits, or in as many as tell it from others: 3, or 3.0000000000000004."""
+    short = f"{number:g}"
+    return short if float(short) == number else repr(float(number))
 
 
 def read_real(
@@ -150,7 +157,7 @@ def read_real(
     if number is None:
         return math.nan
     if not (low < number < high if open_ends else low <= number <= high):
-        raise InvalidValue(f"is {number:g}, but must be {bound(low, high, open_ends=open_ends)}.")
+        raise InvalidValue(f"is {shown(number)}, but must be {bound(low, high, open_ends=open_ends)}.")
     return number
 
 
@@ -168,9 +175,9 @@ def read_whole(value: Any, low: int, high: int) -> int:
     if number is None:
         return low
     if number != math.floor(number):
-        raise InvalidValue(f"is {number:g}, but must be a whole number.")
+        raise InvalidValue(f"is {shown(number)}, but must be a whole number.")
     if not low <= number <= high:
-        raise InvalidValue(f"is {number:g}, but must be a whole number from {low} to {high}.")
+        raise InvalidValue(f"is {shown(number)}, but must be a whole number from {low} to {high}.")
     return int(number)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +14,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
 from gaitsweep.analysis.atlas.atlas_tables import atlas_table
-from gaitsweep.analysis.atlas.branch import point_of, text_of
+from gaitsweep.analysis.atlas.branch import Branch, point_of, text_of
 from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
 from gaitsweep.analysis.continuation import bifurcation_curves
@@ -248,6 +248,19 @@ def test_a_closed_branch_between_two_pitchforks_is_whole(place: float) -> None:
     outer = table[np.abs(table["x"]) > 1e-3]
     assert len(np.unique(table["branch"])) == 2
     assert [outer["r"].min(), outer["r"].max()] == pytest.approx([-1.0, 1.0], abs=0.02)
+
+
+def test_a_closed_branch_stays_closed_from_another_record_on() -> None:
+    """Its last step, here over a corner of the map, leads to its first record."""
+    at = SimpleNamespace(points=SimpleNamespace(at=np.zeros((1, 1))), parameter=np.zeros(1))
+    specials, ends = ("", "", "fold", "", "kink"), ("", "", "", "", "closed")
+    records = [
+        {"special": special, "end": end, "at": at} for special, end in zip(specials, ends, strict=True)
+    ]
+    branch = Branch(0, 1, 0, None, cast(Any, None), records, {}).begun_at(2)
+    assert [record["special"] for record in branch.records] == ["fold", "", "kink", "", "fold"]
+    assert [record["end"] for record in branch.records] == ["", "", "", "", "closed"]
+    assert records[0]["special"] == records[2]["end"] == ""
 
 
 @pytest.mark.slow

@@ -324,6 +324,10 @@ def test_wada_refusals(change: dict, said: str) -> None:
         basins(missing)
     with pytest.raises(AnalysisError, match="box is 1, but a box needs 2 cells"):
         basins(grid_table((8, 8), lambda x, y: x < 3), box=1)
+    with pytest.raises(AnalysisError, match=r"box is 2\.5, but .* whole number"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), box=2.5)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(AnalysisError, match=r"sizes has 1\.5, but must be whole numbers"):
+        basins(grid_table((8, 8), lambda x, y: x < 3), sizes=[1.5])  # pyright: ignore[reportArgumentType]
     with pytest.raises(AnalysisError, match="sizes has 0 steps"):
         basins(grid_table((8, 8), lambda x, y: x < 3), sizes=[0])
     with pytest.raises(AnalysisError, match=r"scales\.psi is not one of the columns"):

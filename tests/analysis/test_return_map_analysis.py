@@ -200,6 +200,25 @@ def test_an_observable_that_is_not_an_angle() -> None:
     assert result["stable"].tolist() == [True, False, True]
 
 
+def test_values_before_a_fall_do_not_join_branches() -> None:
+    """Two fixed points 8 m/s apart are two branches, also where a row that fell had a speed of 1000 km/s."""
+    table = map_table([-0.2, 0.2], starts=20, crossings=30)
+    table["speed_n"] = 8.0 * (table["f"] > 0.0) + 0.5 * np.cos(table["row"]) * 0.8 ** table["crossing"]
+    assert branches(table, "speed", "f")["branch"].tolist() == [0, 1]
+    last = (table["row"] == 0) & (table["crossing"] == table["crossing"].max())
+    table.loc[table["row"] == 0, "status"] = "fell"
+    table.loc[last, "speed_n"] = 1e6
+    assert branches(table, "speed", "f")["branch"].tolist() == [0, 1]
+
+
+def test_each_row_may_have_a_map_of_its_own() -> None:
+    table = map_table(starts=3, crossings=60)
+    assert len(fixed_points(table, "delta_13", by="row").columns) == 7
+    assert pairs(table, "delta_13", by="row").equals(pairs(table, "delta_13"))
+    by_crossing = pairs(table, "delta_13", by=["crossing", "f"])
+    pd.testing.assert_frame_equal(by_crossing, pairs(table, "delta_13"))
+
+
 def test_poor_tables() -> None:
     table = map_table(starts=3, crossings=3)
     nothing = with_attrs(table.assign(delta_13_n=np.nan), "return_map")

@@ -51,6 +51,8 @@ def test_each_pass_has_equal_stairs_and_its_turning_value_once() -> None:
     assert stairs.duration == 23.0
     fine = StepSchedule((2.0, 3.2), 0.05, 1.0)
     assert len(fine.value(jnp.arange(25.0))) == fine.count
+    many = StepSchedule((0.0, 0.98, 0.0), 0.02, 1.0)
+    assert many.value(jnp.arange(99.0))[jnp.array([0, 49, 98])].tolist() == [0.0, 0.98, 0.0]
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, JobError, load_job
+from gaitsweep.schema.numbers import InvalidValue, read_real, read_whole
 from tests.support.job_files import GOOD, MAP, RAMP, TRACE, refused, written
 
 
@@ -645,6 +646,17 @@ def test_in_python_the_field_is_named() -> None:
     )
     with pytest.raises(JobError, match="run is missing"):
         Job(name="a", model="toy_model:Toy")  # type: ignore[call-arg]
+
+
+def test_a_refused_number_has_the_digits_for_which_it_is_refused() -> None:
+    with pytest.raises(InvalidValue, match=r"is 2\.9999999999999996, but must be a whole number"):
+        read_whole("0.3 / 0.1", 1, 9)
+    with pytest.raises(InvalidValue, match=r"is 1000000\.5, but must be a whole number"):
+        read_whole(1000000.5, 1, 10**9)
+    with pytest.raises(InvalidValue, match=r"is 1\.0000000000000002, but must be from 0 to 1\."):
+        read_real(1.0000000000000002, 0.0, 1.0)
+    with pytest.raises(InvalidValue, match=r"is 2, but must be at most 1\."):
+        read_real(2.0, high=1.0)
 
 
 JUNK = st.recursive(

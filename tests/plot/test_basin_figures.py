@@ -11,6 +11,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.job import JobError
 from gaitsweep.plot import PlotError, draw
+from gaitsweep.plot.gait_looks import hatches
 from gaitsweep.table import load
 from tests.support.basin_tables import grid_table
 from tests.support.plot_tables import legend_texts, rendered
@@ -29,6 +30,19 @@ def table() -> pd.DataFrame:
     for i, end in ((1, starts["gait"].cat.codes), (2, 0 * starts["psi_1"])):
         starts[f"psi_{i}_end"] = end + 1e-3 * np.random.default_rng(i).normal(size=len(starts))
     return starts
+
+
+def test_values_of_a_numeric_hue_need_no_hatches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each hatch is compared with those before, which would take hours for the values of all cells."""
+    named: list[str] = []
+
+    def remembering(names: list[str]) -> dict[str, str]:
+        named.extend(names)
+        return hatches(names)
+
+    monkeypatch.setattr("gaitsweep.plot.basin_maps.basin_heat_map.theme.hatches", remembering)
+    rendered(draw("basin", table(), x="psi_1", y="psi_2", hue="psi_1_end", panels="p"))
+    assert not named
 
 
 def test_measures_over_panels() -> None:

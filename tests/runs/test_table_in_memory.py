@@ -60,3 +60,11 @@ def test_the_kernel_of_a_short_run_is_compiled_quickly(monkeypatch: pytest.Monke
     assert list(dict.fromkeys(quick)) == [True, False]
     rows = long.iloc[::200].reset_index(drop=True)
     pd.testing.assert_frame_equal(short.drop(columns="row"), rows.drop(columns="row"), check_exact=True)
+
+
+def test_a_table_without_a_manifest_is_named() -> None:
+    result = gs.Result(table=pd.DataFrame({"row": [0, 1]}))
+    assert repr(result) == "Result(records: 2; in memory)"
+    for asked in (lambda: result.manifest, result.job):
+        with pytest.raises(gs.ArgumentError, match=r"no manifest in its \.attrs.* gs\.concat"):
+            asked()

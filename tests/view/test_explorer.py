@@ -25,6 +25,8 @@ import gaitsweep as gs
 from gaitsweep import view
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
+from gaitsweep.contract import Quantity
+from gaitsweep.examples.hopper import Hopper
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
 from gaitsweep.view.explorer.explorer import write_explorer
@@ -328,6 +330,20 @@ def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
         numerics = {"dt": 0.05}
         result = gs.sweep("double_well:DoubleWell", numerics=numerics, run=run, verify=0, out=out)
         assert len(fields_of(result.explore(replays=1))["walks"]) == 1
+
+
+class SilentHopper(Hopper):
+    """A hopper that has no signals."""
+
+    @property
+    def signals(self) -> tuple[Quantity, ...]:
+        return ()
+
+
+def test_rows_of_a_model_without_signals_walk(tmp_path: Path) -> None:
+    result = gs.sweep(SilentHopper(), launch_0=[2.5, 5.0], phase_0=2.0, verify=0)
+    fields = fields_of(result.explore(tmp_path / "page.html"))
+    assert len(fields["walks"]) == 2
 
 
 @pytest.mark.slow

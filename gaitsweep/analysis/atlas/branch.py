@@ -156,6 +156,10 @@ class Branch:
         """The same closed branch, from another of its records on."""
         last = len(self.records) - 1
         records = [dict(record) for record in (*self.records[place:last], *self.records[: place + 1])]
+        records[-1]["end"] = "closed"
+        # its first record is its last one, too, to which the last step leads
+        begin = records[last - place]
+        begin["special"] = begin["special"] or self.records[last]["special"]
         asides = {(k - place) % last: aside for k, aside in self.asides.items()}
         return dataclasses.replace(self, records=records, asides=asides)
 

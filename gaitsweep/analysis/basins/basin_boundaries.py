@@ -108,12 +108,15 @@ def uncertainty_fraction(
         sizes: eps in steps of the grid; by default `grid.sizes()`.
 
     Raises:
-        AnalysisError: a size is below 1, or leaves no start with both neighbours on the grid.
+        AnalysisError: a size is no whole number from 1 on, or leaves no start with both neighbours on the
+            grid.
 
     Source: Grebogi et al. 1983, Phys. Lett. A 99:415, who shift one coordinate by eps both ways.
     """
     sizes = sorted(set(grid.sizes() if sizes is None else sizes))
     margin, shape = max(sizes, default=0), grid.lengths
+    if fractional := [size for size in sizes if not isinstance(size, int | np.integer)]:
+        raise AnalysisError(f"sizes has {fractional[0]:g}, but must be whole numbers of steps.")
     if sizes and sizes[0] < 1:
         raise AnalysisError(f"sizes has {sizes[0]} steps, but a neighbour is 1 step away or more.")
     if 2 * margin >= min(shape):

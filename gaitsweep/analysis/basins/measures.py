@@ -106,8 +106,8 @@ def basins(
     require_rows(table)
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
-    if box < 2:
-        raise AnalysisError(f"box is {box}, but a box needs 2 cells along a side or more.")
+    if not isinstance(box, int | np.integer) or box < 2:
+        raise AnalysisError(f"box is {box}, but a box needs 2 cells along a side or a larger whole number.")
     if label == "attractor" and label not in table.columns:
         table = with_attractors(table)
     shares = fractions(table, axes, label=label, by=by, level=level, interval=interval)

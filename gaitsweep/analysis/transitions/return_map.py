@@ -66,7 +66,9 @@ def pairs(table: pd.DataFrame, observable: str, by: By = None) -> pd.DataFrame:
     row, crossing = table["row"].to_numpy(), table["crossing"].to_numpy()
     value = table[name].to_numpy(float)
     first = np.flatnonzero((row[1:] == row[:-1]) & (crossing[1:] == crossing[:-1] + 1))
-    records = table[["row", *columns, "crossing"]].iloc[first].reset_index(drop=True)
+    # `by` may name row or crossing itself
+    kept = list(dict.fromkeys(["row", *columns, "crossing"]))
+    records = table[kept].iloc[first].reset_index(drop=True)
     before, after = value[first], value[first + 1]
     change = after - before
     if is_circular(table, name):
@@ -168,9 +170,7 @@ def ghosts(
     if near is not None and not near > 0.0:
         raise AnalysisError(f"near is {near:g}, but must be above 0.")
     if near is None:
-        value = pairs(table, observable)["value"].to_numpy(float)
-        is_angle = is_circular(table, section_column(table, observable)) or not value.size
-        near = NEAR if is_angle else _SLOW_ON_A_LINE * float(np.ptp(value))
+        near = _small(table, observable, NEAR, _SLOW_ON_A_LINE)
     records = []
     for panel, _, curve in _drifts(table, observable, by, bandwidth):
         for value, least, error in ghosts_of(curve, near):
@@ -197,10 +197,17 @@ def branches(
         AnalysisError: as for `drift`.
     """
     points = fixed_points(table, observable, parameter, bandwidth)
-    name, tried = section_column(table, observable), sorted(table[parameter].dropna().unique())
-    circular, value = is_circular(table, name), table[name].dropna().to_numpy(float)
-    reach = _NEIGHBOURS if circular else _NEAR_ON_A_LINE * (float(np.ptp(value)) if value.size else np.inf)
+    circular = is_circular(table, section_column(table, observable))
+    reach = _small(table, observable, _NEIGHBOURS, _NEAR_ON_A_LINE)
+    tried = sorted(table[parameter].dropna().unique())
     return points.assign(branch=_joined(points, parameter, tried, reach, circular))
+
+
+def _small(table: pd.DataFrame, observable: str, angle: float, share: float) -> float:
+    """A small distance of values: `angle` (rad) of angles, a share of the range of the pairs' values else."""
+    value = pairs(table, observable)["value"].to_numpy(float)
+    is_angle = is_circular(table, section_column(table, observable)) or not value.size
+    return angle if is_angle else share * float(np.ptp(value))
 
 
 def _drifts(

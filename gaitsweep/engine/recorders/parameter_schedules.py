@@ -146,6 +146,8 @@ class StepSchedule:
             share = from_low / length
             value = jnp.where(stair > before, low * (1.0 - share) + high * share, value)
             before += length
+            # XLA multiplies by 1 / length, with which the share of the last stair may not be 1
+            value = jnp.where(stair >= before, b, value)
         return value
 
     def passes(self, stair: Real[np.ndarray, " *stairs"]) -> Int[np.ndarray, " *stairs"]:

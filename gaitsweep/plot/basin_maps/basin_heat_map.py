@@ -105,7 +105,8 @@ def basin(
         if columns * _LEAST_IN_ROWS > theme.width_of(width) and (engine := figure.get_layout_engine()):
             engine.set(w_pad=_NARROW_PAD, wspace=0.0)  # pyright: ignore[reportCallIssue]
         grid = theme.panels(figure, (rows, columns), len(parts), sharex=True, sharey=True)
-        looks = theme.colours(names), theme.markers(names), theme.hatches(names)
+        # values of a numeric hue have the colours of its scale
+        looks = theme.colours(key), theme.markers(key), theme.hatches(key)
         scale = None
         if numeric:
             scale = theme.ColourScale(table.loc[~shown.isin(HATCHED), hue].to_numpy(float))

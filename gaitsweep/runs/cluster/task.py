@@ -245,12 +245,13 @@ def _block_lock(writer: SharedWriter, number: int, patience: float) -> Iterator[
         deadline = time.monotonic() + patience
         deaths, last = locks.unfinished_starts(number)
         try:
-            while not locks.take(number, _name()) and time.monotonic() < deadline:
+            while not (taken := locks.take(number, _name())) and time.monotonic() < deadline:
                 _stop_if_unwanted()
                 time.sleep(_POLL)
                 deaths, last = locks.unfinished_starts(number)
             missing = not writer.has(number)
             if missing:
+                deaths -= not taken  # the last start is that of the process which holds the block
                 if deaths >= MOST_DEATHS:
                     raise BlockGivenUp(f"it ended {deaths} workers that began it, the last of them {last}")
                 locks.begin(number)

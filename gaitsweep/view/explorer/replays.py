@@ -267,7 +267,7 @@ class Replayer:
 
     def _length(self, t: Samples, signals: Mapping[str, Samples]) -> int:
         """The number of samples before the first that is not finite, or is in the next window."""
-        finite = np.isfinite(np.stack(list(signals.values()))).all(axis=0)
+        finite = np.isfinite(np.stack([t, *signals.values()])).all(axis=0)
         length = len(t) if finite.all() else int(np.argmin(finite))
         gaps = np.flatnonzero(np.diff(t[:length]) > 1.5 * self.every)
         return int(gaps[0]) + 1 if gaps.size else length

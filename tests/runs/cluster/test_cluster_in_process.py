@@ -21,13 +21,13 @@ import toy_model
 from gaitsweep.runs.cluster import connection, dispatch, task, worker_pool
 from gaitsweep.runs.cluster.connection import UserClient, connection_to
 from gaitsweep.runs.cluster.dispatch import BlocksFailed, Cluster
-from gaitsweep.runs.cluster.task import WorkerUnfit, difference
+from gaitsweep.runs.cluster.task import MOST_DEATHS, BlockGivenUp, WorkerUnfit, difference
 from gaitsweep.runs.cluster.worker_pool import WorkerPool
 from gaitsweep.runs.execute import run_job
 from gaitsweep.runs.prepare import RunError
 from gaitsweep.table import Snapshot, TableError, WriteError
 from gaitsweep.table.directory import SharedWriter
-from gaitsweep.table.locks import Lock
+from gaitsweep.table.locks import BlockLocks, Lock
 from gaitsweep.table.manifest import Layout
 
 distributed = pytest.importorskip("distributed")
@@ -372,6 +372,21 @@ def test_a_reason_and_its_worker_travel_as_a_pickle() -> None:
 
     result = pickle.loads(pickle.dumps(WorkerUnfit("the disk is full", "tcp://127.0.0.1:1")))
     assert (str(result), result.address) == ("the disk is full", "tcp://127.0.0.1:1")
+
+
+def test_a_living_process_is_no_death_of_its_block(tmp_path: Path) -> None:
+    """After the patience the block is computed here, too, unless three others have died with it."""
+    writer: Any = SimpleNamespace(path=tmp_path, has=lambda number: False)
+    with BlockLocks(tmp_path) as theirs:
+        assert theirs.take(0, "slow")
+        for _ in range(MOST_DEATHS):  # of which the last is alive
+            theirs.begin(0)
+        with task._block_lock(writer, 0, 0.0) as missing:
+            assert missing
+        for _ in range(MOST_DEATHS + 1):
+            theirs.begin(0)
+        with pytest.raises(BlockGivenUp, match="ended 3 workers"), task._block_lock(writer, 0, 0.0):
+            pass
 
 
 def test_a_sweep_of_keywords_on_a_cluster(client: Any, tmp_path: Path) -> None:
