@@ -213,6 +213,7 @@ def test_two_coupled_logistic_maps() -> None:
         np.testing.assert_allclose(table["y"], table["x"], atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 def test_with_a_conserved_quantity(unit: float) -> None:
     """X + y = E is conserved, and u = x - y -> u + r u - u^3; no step of the first length converges."""

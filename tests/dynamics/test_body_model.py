@@ -565,6 +565,7 @@ READERS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 def test_a_slide_along_the_ground_that_acts_on_the_motion_is_not_left_out() -> None:
     """A servo makes it a coordinate; a map does not cover states where a spring or a function reads it."""
     servo = HOPPER.replace("</actuator>", '<position joint="x" kp="50"/></actuator>')

@@ -436,6 +436,7 @@ def test_errors_of_a_model_file_have_its_line(tmp_path: Path, old: str, new: str
         model_of_file(tmp_path / "biped.yaml")
 
 
+@pytest.mark.slow
 def test_controls_follow_the_gears_and_gains_of_a_row(tmp_path: Path) -> None:
     """Hips have servos of the length gear x angle; knees have motors of the torque gear x gain x control."""
     body = (WALKERS / "biped.xml").read_text()

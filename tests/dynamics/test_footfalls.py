@@ -296,6 +296,7 @@ def test_a_clock_of_another_rate_is_a_fault() -> None:
         assert words in message
 
 
+@pytest.mark.slow
 def test_contacts_of_a_step_or_two_do_not_count() -> None:
     """A trot of stride 0.4 s and duty 0.6, whose contacts chatter at touchdown and before liftoff.
 

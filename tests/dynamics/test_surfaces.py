@@ -251,6 +251,7 @@ def test_a_ball_rolls_as_in_scipy(ground: str) -> None:
     np.testing.assert_allclose(end * [1.0, 1.0, RADIUS], expected[:3] * [1.0, 1.0, RADIUS], rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_heights_of_the_ground_are_those_of_rays_of_c() -> None:
     """Vertical rays onto a turned box, a floor and hills, away from bends; a movie draws these heights."""
     ramp = '<geom name="ramp" type="box" pos="-3 .1 0" euler="0 -10 25" size=".8 .5 .2"/>'

@@ -88,6 +88,7 @@ def test_a_slope_is_even_ground_with_turned_gravity(structure: dict[str, str]) -
         np.testing.assert_allclose(uphill["anchor"], rates["anchor"] * np.array([[COSINE, 1.0]]), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_ground_pushes_across_the_plane_at_the_touchdown_point() -> None:
     """Without dampers the force is the slope of the springs' energy, and no load acts along the ground."""
     values = {"D_TL": 0.0, "D_N": 0.0, "ground_roughness": 0.01, "ground_seed": 4.0, "ground_width": 0.1}

@@ -32,6 +32,7 @@ def table() -> pd.DataFrame:
     return starts
 
 
+@pytest.mark.slow
 def test_values_of_a_numeric_hue_need_no_hatches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each hatch is compared with those before, which would take hours for the values of all cells."""
     named: list[str] = []

@@ -52,6 +52,7 @@ def test_drift_law_needs_one_value_of_what_else_the_law_has() -> None:
         plot.drift_law(rows.assign(N=np.arange(len(rows)) % 2 + 3))
 
 
+@pytest.mark.slow
 def test_the_law_of_a_parameter_that_follows_an_end_has_its_value_for_each_pair() -> None:
     rows = table()
     rows.attrs["job"] = {"model": "multilegged", "params": {"a_1": "0.4 * m_end / 0.8"}}

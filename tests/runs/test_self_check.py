@@ -356,6 +356,7 @@ def test_an_observable_of_any_unit_is_judged_by_its_size() -> None:
     assert (result["verdict"], result["sensitive"]) == ("passed", 0)
 
 
+@pytest.mark.slow
 def test_rounding_of_an_observable_that_the_section_keeps_at_0_is_no_change() -> None:
     """The speed at crossings is some 1e-6 um/s, and 1e6 um/s between them."""
     result = judged(
@@ -412,6 +413,7 @@ def test_stored_rows_that_are_not_reproduced_are_detected(
     assert "run the job into a new directory" in advice({"stored_differs": 1}, None)
 
 
+@pytest.mark.slow
 def test_an_observable_that_is_unknown_at_first_is_reproduced() -> None:
     result = judged(Counted, gs.ReturnMap(crossings=4), w=[1.0, 1.1])
     assert (result["verdict"], result["stored_differs"]) == ("passed", 0)

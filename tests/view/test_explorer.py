@@ -216,6 +216,7 @@ def test_a_model_without_skeleton_or_feet_shows_its_observables(wells: Path) -> 
         np.testing.assert_allclose(values[[0, -1]], [row["x_0"], row["x_end"]], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_ramp_that_ends_before_its_first_crossing_has_no_walks(tmp_path: Path) -> None:
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=1e4)
     result = gs.sweep("double_well:DoubleWell", x_0=[-1.0, 0.5], run=ramp, verify=0, out=tmp_path / "short")
@@ -253,6 +254,7 @@ class Fast(gs.DeclaredModel):
         return 2.0 * jnp.pi / p.w
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["return_map", "ramp"])
 def test_an_unknown_observable_does_not_hide_the_gait(tmp_path: Path, kind: str) -> None:
     ramp = gs.Ramp(parameter="w", path=[5.0, 6.0], rate=0.1)
@@ -273,6 +275,7 @@ def test_a_record_without_numbers_is_failed_and_one_with_an_unknown_observable_i
     assert [shown.outcomes[number]["name"] for number in shown.outcome] == ["left", "left", "failed"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [[0.0], [0.0, 4.0]])
 def test_a_row_without_a_nominal_period_is_shown(tmp_path: Path, stiffness: list[float]) -> None:
     hold = gs.FixedTime(duration=3.0)
@@ -282,6 +285,7 @@ def test_a_row_without_a_nominal_period_is_shown(tmp_path: Path, stiffness: list
     assert len(fields_of(result.explore())["walks"]) == len(stiffness)
 
 
+@pytest.mark.slow
 def test_the_walks_of_a_ramp_do_not_depend_on_the_order_of_records(tmp_path: Path) -> None:
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
     out = tmp_path / "ramp"
@@ -295,6 +299,7 @@ def test_the_walks_of_a_ramp_do_not_depend_on_the_order_of_records(tmp_path: Pat
     assert crossings[0] == crossings[1] == [100, 200, 300, 400]
 
 
+@pytest.mark.slow
 def test_a_row_of_a_map_has_its_last_gait_whatever_the_order_of_records(tmp_path: Path) -> None:
     cross = gs.ReturnMap(crossings=99)
     model = "double_well:DoubleWell"
@@ -322,6 +327,7 @@ def test_a_map_of_more_slices_than_records_has_points() -> None:
     }
 
 
+@pytest.mark.slow
 def test_no_more_records_walk_than_are_asked_for(tmp_path: Path) -> None:
     stairs = gs.Staircase(parameter="lean", path=[0.0, 1.0], step=0.5, dwell=9.0)
     ramp = gs.Ramp(parameter="lean", path=[0.0, 1.0], rate=0.05)
@@ -340,6 +346,7 @@ class SilentHopper(Hopper):
         return ()
 
 
+@pytest.mark.slow
 def test_rows_of_a_model_without_signals_walk(tmp_path: Path) -> None:
     result = gs.sweep(SilentHopper(), launch_0=[2.5, 5.0], phase_0=2.0, verify=0)
     fields = fields_of(result.explore(tmp_path / "page.html"))
