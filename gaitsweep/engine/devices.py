@@ -253,11 +253,10 @@ def refuse_missing_platform() -> None:
             f"running a model takes at least {MIN_VIRTUAL_MEMORY / 1e9:.1f} GB: raise the limit."
         )
     platforms = _requested_platforms()
-    if not platforms or platforms == "cpu" or _known_devices():
+    if not platforms or platforms == "cpu":
         return
-    see_all_cores()
     try:
-        jax.local_devices()
+        local_devices()
     except (AssertionError, RuntimeError) as error:  # which of them depends on the version of JAX
         raise UnsupportedSystem(
             f"JAX_PLATFORMS is {platforms}, but JAX finds no such device here. On an NVIDIA GPU install "

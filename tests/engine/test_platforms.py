@@ -131,6 +131,7 @@ def test_cards_that_jax_has_found_before(
     """A plugin may fail to start, so JAX is asked once for each driver."""
     before_jax(requested, {"xla_cuda13"})
     assert devices._known_devices() is None
+    devices.refuse_missing_platform()  # each job is read with it, before its devices are looked up
     found = devices.local_devices()
     assert devices._known_devices() == found
     monkeypatch.setattr(sys.modules["cuda.bindings"].driver, "cuDriverGetVersion", lambda: (0, 14000))
