@@ -54,7 +54,7 @@ def test_functions_of_rows_agree_with_jax(
     np.testing.assert_array_equal(np.isnan(mine["root"]), given[0]["x"] < 0.5)
 
 
-@pytest.mark.slow("multilegged", "waist_quadruped")
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [Multilegged(), WaistQuadruped(), PlanarQuadruped()], ids=lambda m: m.name)
 def test_kernels_open_rows_as_xla_does(model: Model) -> None:
     values, starts = sampled_points(model, 5)

@@ -196,7 +196,7 @@ class Ball(DeclaredModel):
         return jnp.ones(())
 
 
-@pytest.mark.slow("20.0", "60.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("wave", [20.0, 60.0, 200.0])
 def test_no_short_event_is_missed(wave: float) -> None:
     found = gs.sweep(
