@@ -459,7 +459,7 @@ class _DisplacedStates:
         values: their parameters.
         observed: the observables of their records.
         telling: a mask of the signs of symmetry that not all crossings have.
-        period: the periods (n,) of their orbits, in crossings.
+        period: the periods (n,) of their orbits, in crossings; 0 if unknown, which counts as 1.
         smooth: whether distances grow as under a smooth map, so that slow growth tells an unstable point.
         share: the displacement, as a share of `DISPLACEMENT`.
     """
@@ -484,11 +484,11 @@ class _DisplacedStates:
         self._values = values
         self._observed = observed
         self._telling = telling
-        self._period = period
+        self._period = np.maximum(period, 1)
         self._smooth = smooth
         self._displacement = share * DISPLACEMENT * mapping.sizes(points.at)
         self._reach = 1 if share == 1.0 else REACH
-        self._scattered_until = (0 if smooth else SCATTER_CROSSINGS) * period
+        self._scattered_until = (0 if smooth else SCATTER_CROSSINGS) * self._period
         self._rests = np.zeros(n, bool)
         self._left = np.zeros(n, bool)
         self._left_at = np.full(n, LEFT)  # the distance from which on a state counts as left

@@ -662,6 +662,12 @@ def test_orbits_of_other_periods_have_no_influence(
     assert displaced.follow(10**6, lambda share: None).tolist() == [unstable, False]
 
 
+def test_an_unknown_period_counts_as_one() -> None:
+    arguments: Any = SimpleNamespace(sizes=np.abs), None, Points(np.ones((2, 1)), ()), {}, np.ones((2, 1)), []
+    displaced = unstable_rests._DisplacedStates(*arguments, np.array([0, 2]), smooth=False, share=1.0)
+    assert displaced._period.tolist() == [1, 2]
+
+
 class Limited(gs.DeclaredModel):
     """The map x -> m x / sqrt(1 + x^2 / 5) of an angle, with an unstable fixed point at 0 where m > 1."""
 
