@@ -663,8 +663,19 @@ def test_orbits_of_other_periods_have_no_influence(
 
 
 def test_an_unknown_period_counts_as_one() -> None:
-    arguments: Any = SimpleNamespace(sizes=np.abs), None, Points(np.ones((2, 1)), ()), {}, np.ones((2, 1)), []
-    displaced = unstable_rests._DisplacedStates(*arguments, np.array([0, 2]), smooth=False, share=1.0)
+    mapping: Any = SimpleNamespace(sizes=np.abs)
+    follow: Any = None
+    displaced = unstable_rests._DisplacedStates(
+        mapping,
+        follow,
+        Points(np.ones((2, 1)), ()),
+        {},
+        np.ones((2, 1)),
+        np.zeros(0, bool),
+        np.array([0, 2]),
+        smooth=False,
+        share=1.0,
+    )
     assert displaced._period.tolist() == [1, 2]
 
 
