@@ -69,6 +69,7 @@ def test_jobs_have_the_shapes_of_annotations() -> None:
     assert printed_by(CHECKED + JOBS) == printed_by(JOBS)
 
 
+@pytest.mark.slow
 def test_a_wrong_shape_is_caught() -> None:
     assert printed_by(CHECKED + WRONG) == ""
 

@@ -26,6 +26,7 @@ from gaitsweep.analysis.continuation.normal_forms import hopf_cycle
 from gaitsweep.analysis.records import names_in
 from gaitsweep.api.keywords import AnyModel, job_of
 from gaitsweep.design.design import inside, requirement
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.poincare.map_derivatives import LevelMap
 from gaitsweep.engine.poincare.maps import Map, Points, column
 from gaitsweep.engine.poincare.model_map import ModelMap
@@ -90,6 +91,7 @@ class FixedPointsOfModel(abc.ABC):
         """Names of the conserved quantities."""
         return [quantity.name for quantity in self.mapping.conserved]
 
+    @held_contents()
     def fixed_points(
         self,
         x: SectionPoints | ArrayLike,
@@ -132,6 +134,7 @@ class FixedPointsOfModel(abc.ABC):
         conserved = self.conserved if fix is None else names_in(fix)
         return newton(self.mapping, points, self._values, fix=conserved, tolerance=tolerance, most=most)
 
+    @held_contents()
     def continue_(
         self,
         x: SectionPoints | ArrayLike,
@@ -405,6 +408,7 @@ class StationaryPoints(FixedPointsOfModel):
         eigenvalues = np.take_along_axis(unordered, order, axis=-1)
         return eigenvalues[0] if single else eigenvalues
 
+    @held_contents()
     def cycle(
         self, hopf: Mapping[Any, Any] | pd.Series, parameter: str, amplitude: float, points: int = 32
     ) -> pd.DataFrame:

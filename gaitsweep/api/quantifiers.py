@@ -15,6 +15,7 @@ from gaitsweep.analysis.basins.state_space import check_scales
 from gaitsweep.analysis.continuation.floquet_multipliers import largest_growth
 from gaitsweep.analysis.continuation.newton import newton
 from gaitsweep.analysis.records import AnalysisError, axes_of, require
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.poincare.maps import Points, Values
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -23,6 +24,7 @@ from gaitsweep.job import Job
 from gaitsweep.job.load import stored_job
 
 
+@held_contents()
 def quantifiers(
     table: pd.DataFrame,
     parameter: str,

@@ -21,6 +21,7 @@ from gaitsweep.analysis.records import names_in
 from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map, require_whole
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.contract import HybridModel
+from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.pushed_model import flow_places
@@ -119,6 +120,7 @@ class PoincareMap(FixedPointsOfModel):
             )
         return factors
 
+    @held_contents()
     def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:
         """Return the section crossings of gaits, (n, period, size), from one crossing of each.
 
@@ -144,6 +146,7 @@ class PoincareMap(FixedPointsOfModel):
         orbits = np.stack(crossings, axis=1)
         return orbits[0] if single else orbits
 
+    @held_contents()
     def events(self, x: SectionPoints | ArrayLike) -> list[list[tuple[float, str]]]:
         """Return the events between each of n points and its image: their times (s) and names, in order.
 
@@ -158,6 +161,7 @@ class PoincareMap(FixedPointsOfModel):
         """
         return self.mapping.events(self._points(x)[0], self._values)
 
+    @held_contents()
     def phase_response(
         self, x: SectionPoints | ArrayLike, push: str | Sequence[str], phases: int | ArrayLike = 64
     ) -> pd.DataFrame:
@@ -224,6 +228,7 @@ class PoincareMap(FixedPointsOfModel):
         columns = {f"response_{name}": response[:, k] for k, name in enumerate(push)}
         return pd.DataFrame({"push_phase": shares, **columns})
 
+    @held_contents()
     def settled(self, starts: Mapping[str, Any] | None = None, cycles: int = 1) -> Points:
         """Return the section points of start values after a number of applications of the map.
 
@@ -241,6 +246,7 @@ class PoincareMap(FixedPointsOfModel):
                 f"The return map of {self.model.name} by {method} has no derivative: {refusal}"
             )
 
+    @held_contents()
     def rare_falls(
         self,
         noise: str,
@@ -287,6 +293,7 @@ class PoincareMap(FixedPointsOfModel):
         settings = {"seed": seed, "steps": steps, "rounds": rounds, "scales": scales, "level": level}
         return rare_falls(self._once, {}, self._start_of(0), noise, draws, **settings)
 
+    @held_contents()
     def steps_to_fall(
         self, noise: str, draws: Draws, *, seed: str = "seed", level: float = LEVEL, **options: Any
     ) -> pd.DataFrame:

@@ -131,6 +131,7 @@ def test_gaits_and_branches_do_not_depend_on_the_unit() -> None:
     assert set(found.branches["number"]) == {0, 1, 2}
 
 
+@pytest.mark.slow
 def test_orbits_of_the_henon_map() -> None:
     """At a = 1.4, b = 0.3 it has 2, 1, 0, 1, 0 and 2 orbits of the periods 1 to 6 (Galias 1998)."""
     search = searched(HENON, {"a": 1.4, "b": 0.3}, [-2.0, -1.0], [2.0, 1.0], 6, 512)

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.engine import content
 from gaitsweep.examples.lorenz import Lorenz
 from tests.support.models.cusp_flow import CuspFlow
 
@@ -170,6 +171,17 @@ def test_bifurcations_of_one_variable(kind: str, values: dict[str, float], start
     slope += 3.0 * values.get("b", 0.0) * start**2
     np.testing.assert_allclose(table["eigenvalue_re"].iloc[0], max(slope, -1.0), atol=1e-9)
     np.testing.assert_allclose(np.sort(rest.eigenvalues([start, 0.0])), np.sort([slope, -1.0]), atol=1e-9)
+
+
+def test_a_branch_reads_the_content_of_its_model_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs are looked up by it at each point, which would take a quarter of the time of a branch."""
+    reads: list[Any] = []
+    read = content._read
+    monkeypatch.setattr(content, "_read", lambda model: reads.append(model) or read(model))
+    rest = gs.stationary(Polynomial(), params={"a": -1.0, "r": 0.5})
+    branch = rest.continue_([0.0, 0.0], "r", (-1.0, 30.0), towards=1)
+    assert len(branch) > 10
+    assert len(reads) < 5
 
 
 @pytest.mark.slow("-1.0")

@@ -185,6 +185,7 @@ def test_refusals_of_arguments(method: str, wrong: dict[str, Any], message: str)
         getattr(gs.return_map(Hopper()), method)([0.4, 2.5], **{**arguments, **wrong})
 
 
+@pytest.mark.slow
 def test_a_branch_needs_one_value_for_each_point() -> None:
     hops = gs.return_map(Hopper(), omega=[3.6, 3.7])
     with pytest.raises(gs.ArgumentError, match="omega has 2 values, but there are 3 points"):

@@ -261,6 +261,7 @@ def test_measures_of_the_theory_take_the_parameters_of_the_table(table: pd.DataF
     assert share(4) > share(6) + 0.05
 
 
+@pytest.mark.slow
 def test_heights_are_compared_with_the_balance_of_the_rows_own_masses() -> None:
     trace_of_row = pd.DataFrame({"row": 0, "t": [0.0, 1.0]})
     lengths = np.array([[0.6, 1.0, 1.0, 0.6], [0.7, 1.0, 1.0, 0.7]])  # both ends are in the air

@@ -589,6 +589,7 @@ BOX = """<mujoco><worldbody><geom type="plane" size="9 9 .1"/>
     <geom name="box" type="box" size=".1 .15 .05" mass="2"/></body></worldbody></mujoco>"""
 
 
+@pytest.mark.slow
 def test_a_return_map_does_not_cover_an_overturned_body() -> None:
     """Its coordinates are the tilt, which is that of an upright body too."""
     model = of(BOX, control=lambda self, p, s: jnp.zeros(0), height=None)

@@ -511,6 +511,7 @@ class Teeth(DeclaredModel):
         return jnp.asarray(2.0)
 
 
+@pytest.mark.slow
 def test_teeth_and_pulses_shorter_than_a_step_are_met() -> None:
     teeth, width = np.array([3.0, 30.0, 50.0, 64.0, 100.0]), np.array([0.005, 0.01, 0.015, 0.002, 1e-4])
     axes = {"teeth": {"values": teeth}, "width": {"values": width}}

@@ -191,6 +191,7 @@ def test_a_block_follows_the_stairs_of_its_belt() -> None:
     np.testing.assert_allclose(table["x_n"].iloc[-1], 4.0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "values", "says"),
     [

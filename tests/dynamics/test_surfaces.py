@@ -293,6 +293,7 @@ def test_a_slope_on_a_level_plane_is_an_inclined_plane(margin: float) -> None:
     np.testing.assert_allclose(stretches[1], stretches[0], rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_height_field_in_x_and_y_is_that_of_c() -> None:
     """Heights of rays, depth and normal of contacts within a triangle; the slope is continuous at bends."""
     rng = np.random.default_rng(4)

@@ -102,6 +102,7 @@ def test_the_first_guess_of_an_event_time_has_the_order_of_its_cubic(
     assert np.log2(error(0.2) / error(0.1)) == pytest.approx(order, abs=0.2)
 
 
+@pytest.mark.slow
 def test_an_event_hidden_by_rounding_is_dropped() -> None:
     """A step that fired from farther back need not fire again from a state a few ulps before the event.
 

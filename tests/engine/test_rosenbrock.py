@@ -63,6 +63,7 @@ class Foot(gs.DeclaredModel):
         return 1.0
 
 
+@pytest.mark.slow
 def test_steps_converge_with_order_five() -> None:
     """Four seconds of Duffing's oscillator, beside SciPy's DOP853."""
     model = Duffing()

@@ -66,6 +66,7 @@ def test_kernels_open_rows_as_xla_does(model: Model) -> None:
         np.testing.assert_allclose(mine, right, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_recorders_and_reports_share_the_program_of_starts_and_rows_keep_their_bits() -> None:
     """It is the slow one to compile; slots are those of one program of start and recorder."""
     model = Toy()

@@ -40,6 +40,7 @@ def climb(stairs: StepSchedule, parameter: str, starts: dict[str, Any], **option
 # The path
 
 
+@pytest.mark.slow
 def test_each_pass_has_equal_stairs_and_its_turning_value_once() -> None:
     stairs = StepSchedule((2.0, 3.2, 2.7, 2.7001), step=0.4, dwell=3.0, first_dwell=5.0)
     assert stairs.lengths == [3, 2, 1]

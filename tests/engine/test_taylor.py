@@ -210,6 +210,7 @@ def test_no_short_event_is_missed(wave: float) -> None:
     )
 
 
+@pytest.mark.slow
 def test_impacts_that_accumulate_stall_within_few_attempts() -> None:
     """Flights become shorter than rounding of the heights: roots of polynomials that no guard reaches."""
     found = gs.sweep(

@@ -120,6 +120,7 @@ def test_the_phase_shift_of_a_clock_is_that_of_its_angle() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_wheel_recovers_if_its_energy_is_above_the_barrier() -> None:
     """Just after an impact it passes the vertical if rate^2 / 2 + cos(angle) > 1."""
     least = 2.0 * np.sin((SPREAD - SLOPE) / 2.0) - GAIT

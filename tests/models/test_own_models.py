@@ -103,6 +103,7 @@ def test_modules_that_are_not_imported_do_not_count(folder: tuple[Path, str]) ->
     assert found(path)[1] == before
 
 
+@pytest.mark.slow
 def test_an_import_that_comes_with_an_edit_is_followed(folder: tuple[Path, str]) -> None:
     path, package = folder
     job, before = found(path)

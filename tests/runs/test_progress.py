@@ -36,6 +36,7 @@ def test_before_a_row_has_ended_its_limit_is_its_length() -> None:
     assert recorder.progress(running, 50.0).tolist() == [0.8, 0.95]
 
 
+@pytest.mark.slow
 def test_reports_of_a_run(tmp_path: Path) -> None:
     reports: list[tuple[int, int, float, float, str]] = []
     job = gs.Job(**HOPS)

@@ -84,7 +84,7 @@ def test_rows_that_do_not_settle_before_their_push(tmp_path: Path) -> None:
     assert (about["rows"], about["of"], about["period"]) == (2, 2, 2)
 
 
-@pytest.mark.slow("drift")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("model", "tolerance", "cycles", "params"),

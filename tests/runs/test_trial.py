@@ -201,6 +201,7 @@ def design_of(kind: type[gs.HybridModel], axes: dict) -> Design:
     return gs.Job(name="own", model=models.name_of(kind), vary=axes, run=gs.Settle()).design
 
 
+@pytest.mark.slow
 def test_a_run_reports_them_before_the_first_row(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object) -> None:
         raise InterruptedError
