@@ -472,6 +472,7 @@ class StationaryPoints(FixedPointsOfModel):
             raise ArgumentError(self._refusal)
 
 
+@held_contents()
 def stationary(
     model: AnyModel,
     *,

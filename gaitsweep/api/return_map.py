@@ -357,6 +357,7 @@ class PoincareMap(FixedPointsOfModel):
         return {name: float(value[row if len(value) > 1 else 0]) for name, value in starts.items()}
 
 
+@held_contents()
 def return_map(
     model: AnyModel,
     *,

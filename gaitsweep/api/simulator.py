@@ -16,6 +16,7 @@ from gaitsweep.analysis.records import names_in, require_numbers
 from gaitsweep.api.run import run_in_memory
 from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import names_gait
+from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError
 from gaitsweep.job import Job, load_job
 from gaitsweep.kinds.run_kind import table_columns
@@ -87,6 +88,7 @@ class Simulator:
         return Simulated(observed, statuses)
 
 
+@held_contents()
 def simulator(
     job: Job | str | Path | Mapping[str, Any], parameters: str | Sequence[str], columns: str | Sequence[str]
 ) -> Simulator:
