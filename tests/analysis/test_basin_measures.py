@@ -286,6 +286,17 @@ def test_grids_are_detected() -> None:
     assert part.wraps == (False, True)
 
 
+def test_starts_in_single_precision_form_a_grid() -> None:
+    table = grid_table((101, 5), lambda x, y: x < 3)
+    rounded = table.assign(psi_1=table["psi_1"].astype(np.float32))
+    grid = find_grid(rounded, ["psi_1", "psi_2"])
+    assert grid is not None
+    assert (grid.lengths, grid.wraps) == ((101, 5), (True, True))
+    # far from 0 rounding is larger than the step, and tells nothing
+    far = table.assign(psi_1=table["psi_1"] ** 2 + 1e9)
+    assert find_grid(far, ["psi_1", "psi_2"]) is None
+
+
 def test_one_draw_from_each_cell() -> None:
     """The half width against a million draws of one start a cell."""
     shares = np.array([0.0, 1.0, 0.2, 0.5, 0.9, 1.0, 0.0, 0.7])

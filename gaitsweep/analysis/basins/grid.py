@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Real
 from gaitsweep.angles import TURN, is_circular
 
 _EQUAL = 1e-6  # largest relative difference between the steps of a grid
+_ROUNDED = 1e-3  # the same, where it may be the rounding of values in single precision
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,12 +76,14 @@ def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:
             return None
         gaps = np.diff(values)
         step = float(gaps.mean())
-        if np.abs(gaps - step).max() > _EQUAL * step:
+        rounding = float(np.finfo(np.float32).eps * np.abs(values).max())
+        tolerance = max(_EQUAL * step, min(rounding, _ROUNDED * step))
+        if np.abs(gaps - step).max() > tolerance:
             return None
         places.append(place)
         lengths.append(values.size)
         steps.append(step)
-        wraps.append(is_circular(table, name) and abs(values.size * step - TURN) < _EQUAL * step)
+        wraps.append(is_circular(table, name) and abs(values.size * step - TURN) < tolerance)
     if not axes or len(table) != int(np.prod(lengths)):
         return None
     place = np.ravel_multi_index(tuple(places), tuple(lengths))
