@@ -234,3 +234,14 @@ def test_a_ramp_has_a_bar_for_each_pass() -> None:
     assert [text.get_text() for text in axes.texts if text.get_text() in "\u2190\u2192"] == [
         *"\u2192\u2190\u2192"
     ] * 2
+
+
+def test_gaits_without_a_bar_are_not_in_the_legend() -> None:
+    """The canter occurs only while the parameter is held at its first value."""
+    parts = [crossings_of(gait, n=20) for gait in ("uR-canter", "trot")]
+    parts[1]["crossing"] += 20
+    parts[1]["t"] += 13.0  # no gait is read over this gap
+    table = pd.concat(parts).assign(v_d=np.r_[np.ones(20), np.linspace(1.0, 2.0, 20)], **{"pass": 0})
+    table.attrs |= {"job": {"run": {"parameter": "v_d"}}}
+    figure = plot.draw("gait_ramp", table)
+    assert legend_texts(figure) == ["trot"]

@@ -115,12 +115,13 @@ def gait_ramp(
         grid = figure.subplots(len(parts), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         if np.ptp(along[horizontal]) > 0.0:
             grid[0].set_xlim(along[horizontal].min(), along[horizontal].max())
+        drawn: set[str] = set()
         for axes, value, part in zip(grid, values, parts, strict=True):
             axes.set_title("" if value is None else written(table, str(panels), value), loc="left")
             names = _names(part.sort_values("row", kind="stable"), panels)
-            _panel(axes, along, list(names.items()), passes, parameter, horizontal, areas)
+            drawn |= _panel(axes, along, list(names.items()), passes, parameter, horizontal, areas)
         grid[-1].set_xlabel("measured speed (m/s)" if x == "speed" else described(table, parameter))
-        theme.legend(figure, _key(areas), ncols=6)
+        theme.legend(figure, _key({gait: area for gait, area in areas.items() if gait in drawn}), ncols=6)
     return figure
 
 
@@ -166,8 +167,13 @@ def _panel(
     parameter: str,
     horizontal: str,
     areas: Areas,
-) -> None:
-    """The bars of named rows over the column `horizontal`, and the direction of each of their passes."""
+) -> set[str]:
+    """Draw the bars of named rows over the column `horizontal`, and the direction of each of their passes.
+
+    Returns:
+        The gaits that have a bar.
+    """
+    drawn: set[str] = set()
     style: dict[str, Any] = {"fontsize": theme.points(11), "va": "center", "ha": "right", "weight": "bold"}
     share = _LEAST_PASSES / passes
     for place, (row, _) in enumerate(rows):
@@ -179,7 +185,7 @@ def _panel(
             if horizontal == "speed" and len(at):
                 at = scipy.optimize.isotonic_regression(at, increasing=not falls).x
             gaits = part["gait"].astype(str).tolist()
-            _bar(axes, at, part["t"].to_numpy(float), gaits, (height, share * _BAR), areas)
+            drawn |= _bar(axes, at, part["t"].to_numpy(float), gaits, (height, share * _BAR), areas)
             if len(part) > 1:
                 arrow = "\u2190" if falls else "\u2192"
                 side = axes.get_yaxis_transform()
@@ -188,17 +194,22 @@ def _panel(
     axes.tick_params(axis="y", length=0, pad=16)
     axes.set_ylim(len(rows) - 0.45, -0.55)
     axes.spines["left"].set_visible(False)
+    return drawn
 
 
 def _bar(
     axes: Axes, at: Windows, t: Windows, gaits: Sequence[str], place: tuple[float, float], areas: Areas
-) -> None:
-    """One pass: its windows reach half way to their neighbours, but not over missing windows.
+) -> set[str]:
+    """Draw one pass: its windows reach half way to their neighbours, but not over missing windows.
 
     A gait has its name where its bar has room for it. `place` is the middle of the bar, and its height.
+
+    Returns:
+        The gaits that have a bar; those of a parameter that is held have no width.
     """
+    drawn: set[str] = set()
     if len(at) < 2:
-        return
+        return drawn
     inches = theme.width_of(theme.PAGE) - _LABEL_ROOM
     letters = inches / np.ptp(axes.get_xlim()) / _LETTER_WIDTH  # in a unit of x
     middle = 0.5 * (at[1:] + at[:-1])
@@ -211,12 +222,16 @@ def _bar(
     firsts = [0, *(np.flatnonzero(turns) + 1).tolist(), len(at)]
     for first, last in itertools.pairwise(firsts):
         low, colour = begins[first], areas[gaits[first]]["facecolor"]
+        if ends[last - 1] == low:
+            continue
+        drawn.add(gaits[first])
         middle_of_bar, height = place
         bar = axes.barh(middle_of_bar, ends[last - 1] - low, height, left=low, **areas[gaits[first]])
         if abs(ends[last - 1] - low) * letters > len(kinds[first]):
             style: dict[str, Any] = {"fontsize": theme.points(7), "color": theme.ink_on(colour)}
             style["path_effects"] = [withStroke(linewidth=2.5, foreground=colour)]  # read over a hatch
             axes.bar_label(bar, [kinds[first]], label_type="center", **style)
+    return drawn
 
 
 _SPREAD = 0.62  # spread of rows of one speed, as a share of the distance between bands
