@@ -93,11 +93,17 @@ class Block:
                 self._samples[0].append((np.repeat(places, restored.record_counts), restored.samples))
             self.ended[places] = self.stored[places] = True
         self.waiting = np.flatnonzero(~self.ended)
+        self._ended_count = self._stored_count = self.rows - self.waiting.size
 
     @property
     def missing(self) -> int:
-        """Rows that have not ended."""
-        return int(np.count_nonzero(~self.ended))
+        """The number of rows that have not ended."""
+        return self.rows - self._ended_count
+
+    @property
+    def has_unstored_rows(self) -> bool:
+        """Whether rows have ended that are not on disk."""
+        return self._ended_count > self._stored_count
 
     def collect(
         self,
@@ -124,6 +130,7 @@ class Block:
         numbers = {name: values[ended_lanes] for name, values in output.numbers.items()}
         self.ends.put(ended_rows, with_orbits(numbers))
         self.ended[ended_rows] = True
+        self._ended_count += int(np.count_nonzero(ended))
 
     def unstored(self) -> RowOutcome:
         """The rows that have ended but are not on disk."""
@@ -137,6 +144,7 @@ class Block:
         owner, samples = _in_order(self._samples[1], width)
         done = stored[owner]
         stored_samples = [*self._samples[0], (owner[done], samples[done])]
+        self._stored_count = int(np.count_nonzero(stored))
         self.stored = stored  # first, since the samples of a row that is not stored are in the second list
         self._samples = stored_samples, [(owner[~done], samples[~done])]
 

@@ -224,7 +224,7 @@ class LaneScheduler:
     @property
     def has_unstored_rows(self) -> bool:
         """Whether an open block has ended rows that are not on disk."""
-        return any(bool(np.any(block.ended & ~block.stored)) for block in self.open.values())
+        return any(block.has_unstored_rows for block in self.open.values())
 
     def unstored_rows(self, except_blocks: Container[int] = ()) -> list[RowOutcome]:
         """The ended rows that are not on disk, one element for each open block, without some blocks."""
