@@ -445,37 +445,39 @@ def held_result(key: tuple[Any, ...], compute: Callable[[], T]) -> T:
     return memo[key]
 
 
-def lasting_content(model: Model, *others: Any) -> str | None:
-    """Compute a digest of a model and other objects that holds in other processes as well.
+def lasting_content(source: Model | Callable[..., Any], *others: Any) -> str | None:
+    """Compute a digest of a model or a function and of other objects that holds in other processes as well.
 
-    It includes the sources of the model's modules.
+    It includes the sources of the modules of a user.
 
     Args:
-        model: the model.
+        source: the model or the function.
         others: the other objects.
 
     Returns:
-        The digest; None for a model that may read what no digest holds: files, the environment, a clock,
+        The digest; None for a source that may read what no digest holds: files, the environment, a clock,
         packages other than JAX and NumPy, or a class without a source.
     """
-    if _FILES.get(_key(model)):
+    if _FILES.get(_key(source)):
         return None
-    content = held_result((type(model), model, "lasting"), lambda: _lasting(model))
+    content = held_result((type(source), source, "lasting"), lambda: _lasting(source))
     if not content:
         return None
-    reader = ContentReader(model, type(model))
+    reader = ContentReader(source, type(source))
     reader.read((content, others))
     return reader.digest.hexdigest() if reader.lasting else None
 
 
-def _lasting(model: Model) -> str:
-    """The digest of a model that holds in other processes; empty if there is none."""
-    module = sys.modules.get(type(model).__module__)
-    # a model of steps with data files runs a simulator, of which no digest holds the code
-    simulated = isinstance(model, SteppedModel) and bool(model.data_digest)
-    if module is None or model.host_parameters or simulated:
+def _lasting(source: Model | Callable[..., Any]) -> str:
+    """The digest of a model or a function that holds in other processes; empty if there is none."""
+    defined = type(source) if isinstance(source, Model) else source
+    module = sys.modules.get(str(getattr(defined, "__module__", None)))
+    if module is None or (isinstance(source, Model) and source.host_parameters):
         return ""
-    reader = _read(model)
+    # a model of steps with data files runs a simulator, of which no digest holds the code
+    if isinstance(source, SteppedModel) and source.data_digest:
+        return ""
+    reader = _read(source)
     if is_user_module(module.__name__):
         sources = modules_beside(module)
         reader.lasting &= bool(sources)

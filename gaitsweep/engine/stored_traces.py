@@ -1,9 +1,9 @@
-"""Results of tracing a model without values: the shapes of its state, and what its results depend on.
+"""Results of tracing a model or a function without values: shapes of states, programs, dependences.
 
-`stored` keeps such results in the cache folder, so that a known model is not traced again. The name of an
-entry is a digest of all that decides it: the content of the model with the sources of its modules,
-gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Results are JSON, of
-which nothing is run.
+`stored` keeps such results in the cache folder, so that what is known is not traced again. The name of an
+entry is a digest of all that decides it: the content of the model or function with the sources of its
+modules, gaitsweep's own sources, the versions that trace and compile, and the settings of JAX. Results are
+JSON, of which nothing is run.
 """
 
 from __future__ import annotations
@@ -32,16 +32,21 @@ from gaitsweep.lazy_imports import jax_settings, jax_version
 _WITHOUT_EFFECT = ("cache", "device", "platforms", "log", "traceback")
 
 
-def stored(name: str, model: Model, others: tuple[Any, ...], compute: Callable[[], Any]) -> Any:
-    """The result of `compute` for a model, as JSON gives it back, read from the cache if it is there.
+def stored(
+    name: str,
+    source: Model | Callable[..., Any],
+    others: tuple[Any, ...],
+    compute: Callable[[], Any],
+) -> Any:
+    """The result of `compute` for a model or a function, as JSON gives it back, read from the cache if there.
 
     Args:
         name: the name of the result.
-        model: the model, whose content is part of the key of the cache.
+        source: the model or the function, whose content is part of the key of the cache.
         others: other objects that decide the result.
-        compute: traces the model; called only if the cache lacks the result.
+        compute: traces it; called only if the cache lacks the result.
     """
-    content = lasting_content(model, name, *others)
+    content = lasting_content(source, name, *others)
     folder = None if content is None else cache_folder("programs")
     if folder is None:
         with compiling():
@@ -53,7 +58,7 @@ def stored(name: str, model: Model, others: tuple[Any, ...], compute: Callable[[
         with compiling():
             text = json.dumps(compute()).encode()
         # files that tracing reads are known only afterwards, and change the content
-        if lasting_content(model, name, *others) == content:
+        if lasting_content(source, name, *others) == content:
             store_cached(file, text)
     return json.loads(text)
 

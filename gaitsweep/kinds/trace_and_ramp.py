@@ -168,7 +168,7 @@ def moving_columns(parameter: str, schedule: RampSchedule, *, repeats: bool) -> 
 
     def value(records: Records) -> Float[np.ndarray, " records"]:
         t = records["t"]
-        return np.where(np.isnan(t), np.nan, np.asarray(schedule.at(jnp.asarray(np.nan_to_num(t)))))
+        return np.where(np.isnan(t), np.nan, schedule.at(np.nan_to_num(t)))
 
     return [
         Column("pass", lambda records: schedule.passes(np.nan_to_num(records["t"]))),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -40,6 +41,20 @@ def test_commands_do_not_import_what_they_do_not_need(arguments: list[str], abse
     )
     imported = set(json.loads(printed.splitlines()[-1]))
     assert not absent & imported
+
+
+@pytest.mark.slow
+def test_a_known_job_is_run_and_drawn_without_jax(tmp_path: Path) -> None:
+    """Fig. 4 of Ambe 2021: opening, labels, self-check and analytic solutions come from stored programs."""
+    few = [f"--set=vary.psi_{i}={{linspace: [0, 2*pi, 2], at: centre}}" for i in (1, 2, 3)]
+    for name in ("first", "second", "third"):
+        job = ["run", "sweeps/multilegged_solution_set.yaml", *few, "--out", str(tmp_path / name)]
+        command = [sys.executable, "-c", COMMAND, *job]
+        environment = {**os.environ, "GAITSWEEP_CACHE": str(tmp_path / "cache")}
+        run = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    imported = set(json.loads(run.stdout.splitlines()[-1]))
+    assert "matplotlib" in imported
+    assert "jax" not in imported
 
 
 def test_jax_is_imported_without_reading_the_metadata_of_all_packages() -> None:

@@ -106,6 +106,21 @@ def test_an_edited_module_beside_a_model_is_another_content(folder: Path) -> Non
     assert lasting_content(model) not in (before, None)
 
 
+def test_programs_of_a_function_are_stored_by_its_code(folder: Path) -> None:
+    def doubled(source: str) -> Any:
+        name = f"stored_function_{next(_NUMBERS)}"
+        (folder / f"{name}.py").write_text(source)
+        return importlib.import_module(name).doubled
+
+    function = doubled("def doubled(x):\n    return 2.0 * x\n")
+    content = lasting_content(function)
+    assert content not in (None, lasting_content(doubled("def doubled(x):\n    return x + x\n")))
+    assert lasting_content(function, 3) not in (None, content)
+    assert lasting_content(doubled("import os\ndef doubled(x):\n    return x * len(os.environ)\n")) is None
+    np.testing.assert_array_equal(over_rows(function, "doubled", function)(np.arange(3.0)), [0.0, 2.0, 4.0])
+    assert len(list((folder / "cache").rglob("doubled_*"))) == 1
+
+
 def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model, calls = spring(folder), itertools.count()
 

@@ -36,7 +36,7 @@ _OF_ARRAYS: dict[str, Callable[..., Any]] = {
 def over_rows(
     function: Callable[..., Any],
     name: str = "",
-    model: Model | None = None,
+    source: Model | Callable[..., Any] | None = None,
     *others: Any,
     all_rows: bool = False,
     simplify: bool = False,
@@ -47,11 +47,20 @@ def over_rows(
     Args:
         function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
             operations that a scalar program lacks.
-        name, model, others: what a program is stored by (`stored_traces.stored`). Its results are then
-            mappings and lists of arrays. Without a model it is traced in each process.
+        name, source, others: what a program is stored by (`stored_traces.stored`). Its results are then
+            mappings and lists of arrays. Without a source it is traced in each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
         simplify: as of `Program`; by default a product with 0 is NaN where the other factor is.
         by_xla: makes the function of rows that XLA computes, in place of `function`.
+
+    Example:
+        A later session evaluates a stored function without JAX:
+
+        >>> import numpy as np
+        >>> from gaitsweep.analyses import over_rows
+        >>> def area(sides): return sides["a"] * sides["b"]
+        >>> over_rows(area, "area", area)({"a": np.arange(3.0), "b": np.full(3, 2.0)})
+        array([0., 2., 4.])
     """
     if all_rows:
         from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
@@ -73,9 +82,9 @@ def over_rows(
             return trace(traced_function(function, shapes, simplify=simplify))
 
         try:
-            if model is None:
+            if source is None:
                 return computed_by(*trace_row())
-            return computed_by(*stored(name, model, (*others, key), trace_row))
+            return computed_by(*stored(name, source, (*others, key), trace_row))
         except UnsupportedError:
             return _by_xla(function, all_rows=all_rows) if by_xla is None else by_xla()
 

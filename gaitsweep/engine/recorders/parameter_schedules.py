@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -50,13 +51,18 @@ class RampSchedule:
         inner = [np.linspace(since, until, PARTS_OF_A_PASS + 1) for since, until in passes]
         return tuple(float(t) for t in np.unique(np.concatenate(inner)))
 
-    def at(self, t: Float[Array, " *times"]) -> Float[Array, " *times"]:
-        """The parameter at time `t` (s), which is constant before the first pass and after the last one."""
+    def at(self, t: Any) -> Any:
+        """The parameter at time `t` (s), which is constant before the first pass and after the last one.
+
+        Args:
+            t: times of any shape; those of a NumPy array are computed by NumPy, which needs no JAX.
+        """
+        xp = np if isinstance(t, np.ndarray) else jnp
         knots = self.knots
-        value = jnp.full_like(t, self.values[0])
+        value = xp.full_like(t, self.values[0])
         # a sum of clipped straight lines: a search over the knots would not be straight-line code
         for (a, b), since, until in zip(itertools.pairwise(self.values), knots[:-1], knots[1:], strict=True):
-            value = value + np.sign(b - a) * self.rate * jnp.clip(t - since, 0.0, until - since)
+            value = value + np.sign(b - a) * self.rate * xp.clip(t - since, 0.0, until - since)
         return value
 
     def passes(self, t: Float[np.ndarray, " *times"]) -> Int[np.ndarray, " *times"]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from gaitsweep.analyses import AnalysisError, fractions, proportion_interval
+from gaitsweep.analyses import AnalysisError, fractions, over_rows, proportion_interval
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
     parameters_of,
@@ -95,14 +95,14 @@ def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndar
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    exists = _existing_waves(springs_of(table), chains_of(table, sets))
-    return {gait: np.asarray(exists[gait]) for gait in WAVES}
+    exists = _existing_waves(springs_of(table))(chains_of(table, sets).given)
+    return {gait: exists[gait] for gait in WAVES}
 
 
-@partial(jax.jit, static_argnums=0)
-def _existing_waves(N: int, chains: Chain) -> dict[str, jax.Array]:
-    """Whether each of WAVES is a motion of each of n chains, (n,)."""
-    return jax.vmap(partial(existing_waves, N))(chains)
+@cache
+def _existing_waves(N: int) -> Callable[[Any], dict[str, Bool[np.ndarray, " sets"]]]:
+    """Make the function of the fields of n chains, whether each of WAVES is a motion of each."""
+    return over_rows(lambda chain: existing_waves(N, Chain(**chain)), "existing_waves", existing_waves, N)
 
 
 def printed_margins(table: pd.DataFrame, sets: pd.DataFrame) -> Float[np.ndarray, "conditions sets"]:

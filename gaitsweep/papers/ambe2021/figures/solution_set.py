@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
 from pydantic import Field
 
-from gaitsweep.analyses import in_order
+from gaitsweep.analyses import in_order, over_rows
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
@@ -22,7 +22,7 @@ from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     profile_of,
 )
 from gaitsweep.papers.ambe2021.theory.chain import Chain
-from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST_PIECE, segments
+from gaitsweep.papers.ambe2021.theory.gaits import SHORTEST_PIECE, Segments, segments
 from gaitsweep.plot import (
     Flag,
     Hue,
@@ -217,6 +217,15 @@ def _legend(
         theme.legend(figure, handles, ncols=min(4, max(len(handles), 1)), title=title)
 
 
+def _segments(chain: Mapping[str, Any]) -> Segments:
+    """The pieces of a chain of four legs, from its fields by name."""
+    return segments(3, Chain(**chain))
+
+
+# stored, since the figure would wait for JAX and XLA
+_segments_of_chains = over_rows(_segments, "segments_of_chain", _segments)
+
+
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pieces 2 3"], str | None]:
     """The ends of the analytic pieces on section 1, and a reason if there are no pieces."""
     none = np.zeros((0, 2, 3))
@@ -230,10 +239,10 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
     varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
     if varied:
         return none, f"{', '.join(varied)} varies."
-    lines = segments(3, chain_of(table))
-    half = np.asarray(lines.half)[..., None]
-    middle = np.asarray(lines.middle)
-    reach = np.asarray(lines.direction) * half
+    chain = {name: np.array([value]) for name, value in chain_of(table).given.items()}
+    middle, direction, half = (array[0] for array in _segments_of_chains(chain))
+    half = half[..., None]
+    reach = direction * half
     ends = np.stack([middle - reach, middle + reach], axis=2)[half[..., 0] > SHORTEST_PIECE]
     order = [_PSI.index(name.removesuffix("_end")) for name in axes]
     return ends[:, :, order], None

@@ -53,6 +53,11 @@ class Chain(NamedTuple):
     a_end: Scalar | None = None
 
     @property
+    def given(self) -> dict[str, Scalar]:
+        """The fields that are given, by name."""
+        return {name: value for name, value in self._asdict().items() if value is not None}
+
+    @property
     def has_profile(self) -> bool:
         """Whether inner legs have values of their own."""
         return any(jnp.ndim(values) > 0 for values in (self.m, self.kappa, self.a))
