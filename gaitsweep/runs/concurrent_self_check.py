@@ -103,9 +103,7 @@ class ConcurrentSelfCheck:
 
     def _stored(self, rows: Int[np.ndarray, " rows"]) -> pd.DataFrame:
         """The stored records of rows."""
-        table = self._table.load(rows)
-        table.attrs.clear()  # pandas copies them with each column
-        return table
+        return self._table.load(rows)
 
     def _comparable_rows(self, rerun: RerunRows) -> Int[np.ndarray, " rows"]:
         """Evenly spread rows that ended soundly, if none of the rerun rows did; no more than those."""

@@ -1,11 +1,12 @@
-"""Data frames of the records of parts, their categorical columns, and the long lists of their `.attrs`."""
+"""Data frames of the records of parts, their categorical columns, and what their `.attrs` hold."""
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Container, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,6 @@ from gaitsweep.status import Outcome, Status
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parquet_parts import Footer
-
-_LONG = 64  # items of a list that copies of a table share
-_IMMUTABLE = {int, float, str, bool, type(None)}
 
 
 class PartRecords:
@@ -129,30 +127,54 @@ def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
     return pd.CategoricalDtype(list(names))
 
 
-class SharedList(list[Any]):
-    """A long list of numbers and words, which copies of a table share.
+def _refuse_change(self: Any, *args: Any, **fields: Any) -> NoReturn:
+    """Refuse a change of what copies of a table share."""
+    raise TypeError(
+        "All copies of a table share what its .attrs hold: change copy.deepcopy(...) of it, and assign that."
+    )
 
-    pandas copies `.attrs` deeply in each operation on a table: the values of a long axis, number by number,
-    took more time than the operation.
+
+class SharedList(list[Any]):
+    """A list in the `.attrs` of a table; as `SharedDict`."""
+
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = _refuse_change
+    insert = pop = remove = clear = sort = reverse = _refuse_change
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SharedList, (list(self),)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> list[Any]:
+        return self if memo else [copy.deepcopy(item) for item in self]
+
+
+class SharedDict(dict[str, Any]):
+    """A mapping in the `.attrs` of a table, which its copies share, so that it cannot be changed.
+
+    pandas copies `.attrs` deeply in each operation on a table, even `table["f"]`: a job and its quantities,
+    value by value, took fifty times as long as the operation. `copy.deepcopy` of such a mapping by itself is
+    a plain one.
     """
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> SharedList:
-        return self
+    __setitem__ = __delitem__ = __ior__ = update = pop = popitem = setdefault = clear = _refuse_change
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SharedDict, (dict(self),)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> dict[str, Any]:
+        # pandas copies all of `.attrs`, whose copy is then in the memo
+        return self if memo else {name: copy.deepcopy(value) for name, value in self.items()}
 
 
 # a job in `.attrs` can be written as YAML
 yaml.representer.SafeRepresenter.add_representer(SharedList, yaml.representer.SafeRepresenter.represent_list)
+yaml.representer.SafeRepresenter.add_representer(SharedDict, yaml.representer.SafeRepresenter.represent_dict)
 
 
-def with_shared_lists(value: Any) -> Any:
-    """Return a JSON value whose long lists of numbers and words are a `SharedList`."""
+def shared(value: Any) -> Any:
+    """A JSON value whose mappings and lists are shared by the copies of a table in whose `.attrs` it is."""
     if isinstance(value, dict):
-        return {name: with_shared_lists(item) for name, item in value.items()}
-    if not isinstance(value, list):
-        return value
-    if len(value) > _LONG and set(map(type, value)) <= _IMMUTABLE:
-        return SharedList(value)
-    return [with_shared_lists(item) for item in value]
+        return SharedDict({name: shared(item) for name, item in value.items()})
+    return SharedList(map(shared, value)) if isinstance(value, list) else value
 
 
 def _near_column(path: Path, name: str) -> str:

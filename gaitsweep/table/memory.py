@@ -11,7 +11,7 @@ import pandas as pd
 
 from gaitsweep import near_miss
 from gaitsweep.table.atomic_files import TableError
-from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
+from gaitsweep.table.frames import PartRecords, SharedDict, joined_parts, shared
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
 from gaitsweep.table.parquet_parts import ArrowPart, checked_records, count_names, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, add_counts
@@ -87,11 +87,11 @@ class MemoryTable:
             last: give up the records, so that they are not in memory twice.
         """
         frame = self._frame(None, rows, last=last)
-        manifest = with_shared_lists(sealed(json_value(self.manifest)))
+        manifest = shared(sealed(json_value(self.manifest)))
         frame.attrs.update(
             job=manifest["job"],
             manifest=manifest,
-            quantities=manifest.get("quantities", {}),
+            quantities=manifest.get("quantities", SharedDict()),
             complete=True,
             rows_missing=0,
             rows_open=0,

@@ -18,7 +18,7 @@ from gaitsweep.errors import warn
 from gaitsweep.table.atomic_files import TableError, read_file, reason
 from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
-from gaitsweep.table.frames import PartRecords, joined_parts, with_shared_lists
+from gaitsweep.table.frames import PartRecords, SharedDict, joined_parts, shared
 from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
 from gaitsweep.table.parquet_parts import Footer
 
@@ -302,10 +302,11 @@ def load_with_snapshot(
         raise TableError(f"{path} has no complete part yet: run its job further{waiting}.")
     _warn(snapshot)
     frame = joined_parts(path, parts, columns)
+    manifest = shared(snapshot.manifest)
     frame.attrs.update(
-        job=with_shared_lists(snapshot.job),
-        manifest=with_shared_lists(snapshot.manifest),
-        quantities=snapshot.manifest.get("quantities", {}),
+        job=shared(snapshot.job),
+        manifest=manifest,
+        quantities=manifest.get("quantities", SharedDict()),
         path=str(path),
         complete=snapshot.complete,
         rows_missing=snapshot.manifest["rows"] - snapshot.rows_done,

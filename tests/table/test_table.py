@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import errno
 import json
 import os
+import pickle
 import resource
 import signal
 import subprocess
@@ -86,17 +88,32 @@ def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_t
     assert fields.field("t").metadata == {b"unit": b"K", b"meaning": b"temperature"}
 
 
-def test_operations_on_a_table_share_the_long_lists_of_its_manifest(tmp_path: Path) -> None:
-    """The `.attrs` are copied in each operation, item by item: seconds for an axis of a million values."""
+def test_operations_on_a_table_share_its_attrs(tmp_path: Path) -> None:
+    """Pandas copies `.attrs` in each operation, item by item: milliseconds for a column, seconds for a long axis."""
     with open_toy(tmp_path / "toy") as directory:
         fill(directory)
         directory.update_manifest(long=[0.5] * 100, short=[{"a": 1}])
     table = load(tmp_path / "toy")
     manifest, copied = table.attrs["manifest"], table[["row"]].attrs["manifest"]
-    assert copied == manifest
-    assert copied["long"] is manifest["long"]
-    assert copied["short"][0] is not manifest["short"][0]
+    assert copied is manifest
     assert yaml.safe_load(yaml.safe_dump(copied)) == json.loads(json.dumps(copied)) == manifest
+    assert pickle.loads(pickle.dumps(table)).attrs == table.attrs
+
+
+def test_what_copies_of_a_table_share_is_not_changed(tmp_path: Path) -> None:
+    with open_toy(tmp_path / "toy") as directory:
+        fill(directory)
+        directory.update_manifest(short=[{"a": 1}])
+    attrs = load(tmp_path / "toy").attrs
+    for change in (
+        lambda manifest: manifest.update(short=[]),
+        lambda manifest: manifest["short"].append({}),
+        lambda manifest: manifest["short"][0].pop("a"),
+    ):
+        with pytest.raises(TypeError, match=r"deepcopy"):
+            change(attrs["manifest"])
+        change(copy.deepcopy(attrs["manifest"]))
+    assert attrs["manifest"]["short"] == [{"a": 1}]
 
 
 def test_a_partial_table_is_loaded_with_a_warning(tmp_path: Path) -> None:

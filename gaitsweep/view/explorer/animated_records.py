@@ -56,7 +56,6 @@ class AnimatedRecords:
         self._model = context.model
         self._shown = shown
         self._table = shown.table.reset_index(drop=True)
-        self._table.attrs = {}  # which pandas would copy with each record
         self._groups, self._beside = replay_groups(
             shown, self._table, context, most, spent, self._on_branch_progress
         )
