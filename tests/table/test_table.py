@@ -89,7 +89,7 @@ def test_columns_of_a_run_kind_carry_theirs_unless_the_model_has_a_quantity_of_t
 
 
 def test_operations_on_a_table_share_its_attrs(tmp_path: Path) -> None:
-    """pandas copies `.attrs` in each operation: item by item it took milliseconds, with a long axis seconds."""
+    """The copies that pandas makes in each operation took milliseconds, and seconds with a long axis."""
     with open_toy(tmp_path / "toy") as directory:
         fill(directory)
         directory.update_manifest(long=[0.5] * 100, short=[{"a": 1}])
