@@ -391,6 +391,7 @@ def _refuse_forgotten_rates(
             raise _Fault(f"flow returns no rate of {name}, and no jump changes it: {constant}.")
 
 
+@cached_by_content(maxsize=64)
 def variables_without_rate(model: Model) -> tuple[str, ...]:
     """The declared variables of which `flow` returns no rate, and that are not declared as held.
 

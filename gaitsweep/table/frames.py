@@ -72,8 +72,10 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
     for name in names:
         if name in parts.categories:
             # of parts that have such a column as plain text too, whose footers have no categories
-            categories = parts.categories[name] | dict.fromkeys(frame[name].cat.categories)
-            frame[name] = frame[name].cat.set_categories(list(categories))
+            present = frame[name].cat.categories
+            categories = list(parts.categories[name] | dict.fromkeys(present))
+            if categories != list(present):
+                frame[name] = frame[name].cat.set_categories(categories)
     return frame
 
 
