@@ -121,6 +121,16 @@ def test_programs_of_a_function_are_stored_by_its_code(folder: Path) -> None:
     assert len(list((folder / "cache").rglob("doubled_*"))) == 1
 
 
+def test_a_function_of_rows_follows_what_it_reads(folder: Path) -> None:
+    name = f"stored_function_{next(_NUMBERS)}"
+    (folder / f"{name}.py").write_text("gain = 2.0\ndef scaled(x):\n    return gain * x\n")
+    module: Any = importlib.import_module(name)
+    of_rows = over_rows(module.scaled, "scaled", module.scaled)
+    assert of_rows(np.ones(2)).tolist() == [2.0, 2.0]
+    module.gain = 3.0
+    assert of_rows(np.ones(2)).tolist() == [3.0, 3.0]
+
+
 def test_results_are_stored_by_what_decides_them(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model, calls = spring(folder), itertools.count()
 

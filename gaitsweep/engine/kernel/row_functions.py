@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model
+from gaitsweep.engine.content import content_of
 from gaitsweep.engine.devices import host_device
 from gaitsweep.engine.kernel.operations import OPERATIONS
 from gaitsweep.engine.kernel.trace import TracedFunction, UnsupportedError, traced_function
@@ -71,7 +72,7 @@ def over_rows(
     else:
         trace = _traced_operations
         computed_by = _by_numpy
-    programs: dict[str, Callable[..., Any]] = {}
+    programs: dict[tuple[str, str], Callable[..., Any]] = {}
     lock = threading.Lock()
 
     def compiled(row: Any, key: str) -> Callable[..., Any]:
@@ -92,10 +93,12 @@ def over_rows(
         columns = _mapped(np.asarray, trees)
         row = _mapped(lambda column: np.empty(column.shape[1:], column.dtype), columns)
         key = f"{_structure(row)} {[(leaf.shape, leaf.dtype.str) for leaf in _leaves(row)]}"
+        # who asks for a function of a model keeps it by the model's content
+        known = key, "" if source is None or isinstance(source, Model) else content_of(source)
         with lock:  # groups of lanes open their first rows at the same time
-            if key not in programs:
-                programs[key] = compiled(row, key)
-        return programs[key](*columns)
+            if known not in programs:
+                programs[known] = compiled(row, key)
+        return programs[known](*columns)
 
     return of_rows
 
