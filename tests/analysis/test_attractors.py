@@ -337,6 +337,22 @@ def test_orbits_without_all_crossings_have_no_states() -> None:
     assert grouped.summary["rows"].tolist() == [3]
 
 
+@pytest.mark.parametrize("missing", [np.inf, np.nan])
+def test_a_crossing_without_a_value_leaves_other_orbits_as_they_are(missing: float) -> None:
+    table = pd.DataFrame({"status": "settled", "attractor_period": 2, "x_end": [0.0, 0.0, 5.0, 5.0, 0.0]})
+    table["x_end_2"] = [1.0, 1.0, 6.0, 6.0, missing]
+    assert attractors(table).column.tolist() == ["A1", "A1", "A2", "A2", "period 2"]
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2]])
+def test_rows_at_rest_where_others_settled_are_an_attractor_of_their_own(order: list[int]) -> None:
+    """The states of both are equal, so that they are in one cell."""
+    table = pd.DataFrame({"status": ["settled", "at_rest", "settled"], "psi_1_end": 1.0}).iloc[order]
+    result = attractors(table)
+    assert result.column.loc[[0, 1, 2]].tolist() == ["A1", "A2", "A1"]
+    assert result.summary["kind"].tolist() == ["point", "rest"]
+
+
 def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:
     table = settled(np.array([[0.0], [1.0], [0.01], [1.01]]), f=[1.0, 1.0, 2.0, 2.0])
     expected = follow_attractors(table, "f", link=0.5).column.tolist()

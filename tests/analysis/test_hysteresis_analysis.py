@@ -143,6 +143,22 @@ def test_loop_area_against_the_closed_form(centre: float) -> None:
     assert ramp == pytest.approx(SCALE * (AREA + 2 * lag(4000) * np.sqrt(3)), rel=0.01)
 
 
+@pytest.mark.parametrize("name", ["x_n", "psi_n"])
+def test_branches_that_cross_between_two_values(name: str) -> None:
+    """At the turn the second branch is 1/2, so their difference is linear from -1 to 1/2."""
+    table = pd.DataFrame({"row": 0, "pass": [0, 0, 1, 1], "stair": range(4), "f": [0.0, 1.0, 1.0, 0.0]})
+    loops = loop_area(table.assign(**{name: [0.0, 1.0, 0.0, 1.0]}), name, "f")
+    assert loops["area"].item() == pytest.approx(1.0 / 3.0 + 1.0 / 12.0, rel=1e-12)
+    assert loops["signed"].item() == pytest.approx(-1.0 / 4.0, rel=1e-12)
+
+
+def test_branches_of_angles_that_pass_half_a_turn_do_not_cross() -> None:
+    """Their difference goes from 0 to -3 rad, and on by half a turn to 3 rad."""
+    table = pd.DataFrame({"row": 0, "pass": [0] * 3 + [1] * 3, "stair": range(6)})
+    table["f"], table["psi_n"] = [0.0, 1.0, 2.0, 2.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 3.0, -3.0]
+    assert loop_area(table, "psi_n", "f")["area"].item() == pytest.approx(1.5 + 3.0, rel=1e-12)
+
+
 def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     table = ramp_table(2, steps=1000)
     end = (table["row"] == 1) & (table["crossing"] > 500)

@@ -18,7 +18,14 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.basins.state_space import Space, StateArray, crossing_columns, extent, state_columns
+from gaitsweep.analysis.basins.state_space import (
+    Coordinates,
+    Space,
+    StateArray,
+    crossing_columns,
+    extent,
+    state_columns,
+)
 from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
 
@@ -398,15 +405,17 @@ def _point_groups(
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
         group = cut_at_corners(space, states, flat, group, links, gaps, binned.side)
-    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[rows][binned.first]
-    group = np.unique(np.stack([group, resting]), axis=1, return_inverse=True)[1].reshape(-1)
+    # by row, since one cell may have rows at rest and others
+    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[rows]
+    group = np.unique(np.stack([group[binned.of], resting]), axis=1, return_inverse=True)[1].reshape(-1)
     groups = []
-    for number in _largest_first(group[binned.of]):
+    for number in _largest_first(group):
         members = group == number
-        record = _described(space, states[members], flat[members], binned.side, columns)
+        in_group = np.unique(binned.of[members])
+        record = _described(space, states[in_group], flat[in_group], binned.side, columns)
         if resting[members].any():
             record["kind"] = "rest"
-        groups.append(_Group(rows[members[binned.of]], states[members], record))
+        groups.append(_Group(rows[members], states[in_group], record))
     return groups, link
 
 
@@ -457,18 +466,23 @@ def _grain_of(table: pd.DataFrame) -> float:
 
 def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
     """Mask of the rows that settled at a state, on their section or at rest, (n,)."""
-    values = table[list(columns)].to_numpy(float)
-    # some observables have no value on some gaits, as the lag of a foot that stands
-    finite = ~np.isinf(values).any(axis=1) & ~np.isnan(values).all(axis=1)
     status = table["status"].astype(str)
     return (
-        finite
+        _has_value(table[list(columns)].to_numpy(float))
         & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy()
         & (orbit_periods(table) <= 1)
     )
 
 
-def _with_values(states: StateArray) -> StateArray:
+def _has_value(states: Coordinates) -> Bool[np.ndarray, " ..."]:
+    """Mask of the states (..., d) that are known: some observables have no value on some gaits, but not all.
+
+    An example is the lag of a foot that stands.
+    """
+    return np.asarray(~np.isinf(states).any(axis=-1) & ~np.isnan(states).all(axis=-1))
+
+
+def _with_values(states: Coordinates) -> Coordinates:
     """States with 0 for the observables that have no value on their gait."""
     return np.where(np.isnan(states), 0.0, states)
 
@@ -494,20 +508,19 @@ def _orbit_groups(
 ) -> list[_Group]:
     """The rows on each orbit of `period` crossings, the most frequent first, and its states.
 
-    One group without states where the table does not have all crossings, or where they are not finite.
+    Rows of which the table does not have all crossings, as numbers, are one group without states.
     """
     rows = np.flatnonzero(orbit_periods(table) == period)
     kind = f"period {period}"
-    crossings = np.stack(
-        [
-            _with_values(space.points(table.iloc[rows], at_crossing))
-            for at_crossing in crossing_columns(table, columns)[:period]
-        ],
-        axis=1,
-    )
-    if crossings.shape[1] < period or not np.isfinite(crossings).all():
-        return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
-    points = crossings.reshape(-1, len(columns))
+    at_crossings = crossing_columns(table, columns)[:period]
+    crossings = np.stack([space.points(table.iloc[rows], names) for names in at_crossings], axis=1)
+    is_known = (_has_value(crossings) & (crossings.shape[1] == period)).all(axis=1)
+    unknown = rows[~is_known]
+    without_states = [_orbit_group(table, columns, unknown, crossings[:0, 0], kind)] if unknown.size else []
+    rows = rows[is_known]
+    if not rows.size:
+        return without_states
+    points = _with_values(crossings[is_known]).reshape(-1, len(columns))
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
@@ -519,10 +532,11 @@ def _orbit_groups(
     from_least = [min(turn[k:] + turn[:k] for k in range(period)) for turn in sequences.tolist()]
     group = np.unique(from_least, axis=0, return_inverse=True)[1].reshape(-1)[sequence_of.reshape(-1)]
     cell = binned.of.reshape(-1, period)
-    return [
+    groups = [
         _orbit_group(table, columns, rows[group == number], states[np.unique(cell[group == number])], kind)
         for number in _largest_first(group)
     ]
+    return groups + without_states
 
 
 def _orbit_group(
