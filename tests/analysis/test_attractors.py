@@ -305,6 +305,17 @@ def test_sets_without_a_period_are_told_apart_by_their_crossings(apart: float, n
         agreement(table.assign(gait="trot"), grouped.column)
 
 
+def test_rows_with_fewer_crossings_are_on_their_sets() -> None:
+    """As in joined tables, of which one has fewer crossings, and an observable without a value."""
+    rng = np.random.default_rng(0)
+    clouds = np.concatenate([cloud_rows((centre, 0.0), 4, 40, rng) for centre in (0.0, 5.0)])
+    clouds[[1, 6], 30:] = np.nan
+    table = unsettled(clouds, "chaotic")
+    names = [name.replace("x_", "z_") for name in table.columns if name.startswith("x_")]
+    table = pd.concat([table, pd.DataFrame(np.nan, table.index, names)], axis=1)
+    assert attractors(table, ["x_end", "y_end", "z_end"]).column.tolist() == ["A1"] * 4 + ["A2"] * 4
+
+
 def test_a_sampled_set_is_joined_without_a_change_of_either() -> None:
     rng = np.random.default_rng(3)
     space = Space(np.zeros(2), np.ones(2))

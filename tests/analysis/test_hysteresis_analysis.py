@@ -272,9 +272,10 @@ def test_rows_that_reached_their_limit_are_ignored() -> None:
     table.loc[beyond, ["status", "gait"]] = ["cycle_limit", "walk"]  # held by the ghost, still called a walk
     result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
     assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
-    table.loc[beyond, ["status", "gait"]] = ["fell", "none"]  # a row that fell has lost its gait
-    result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
-    assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
+    for last_label in ("none", "walk"):  # a row that fell has lost its gait
+        table.loc[beyond, ["status", "gait"]] = ["fell", last_label]
+        result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
+        assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
 
 
 def test_edges_by_gait_of_several_sets_of_rows() -> None:

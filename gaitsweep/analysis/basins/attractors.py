@@ -76,7 +76,8 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
     """The sets on which the rows of a status are, from that with the most rows on.
 
     A row is on a set if its crossings (x_end, x_end_2, ...) are as near to those of the rows found there as
-    these are to each other, within a factor of `NEAR` in the means of the distances to the nearest one.
+    these are to each other, within a factor of `NEAR` in the means of the distances to the nearest one. The
+    crossings of a row that the table lacks are left out, as those of runs that kept fewer.
 
     Args:
         space: the space of the states.
@@ -89,9 +90,11 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
         [space.points(table.iloc[rows], at_crossing) for at_crossing in crossing_columns(table, columns)],
         axis=1,
     )
-    is_complete = np.isfinite(crossings).all(axis=(1, 2))
     sets: list[SampledSet] = []
-    for row, states in zip(rows[is_complete].tolist(), crossings[is_complete], strict=True):
+    for row, at_crossings in zip(rows.tolist(), crossings, strict=True):
+        states = _with_values(at_crossings[_has_value(at_crossings)])
+        if not len(states):
+            continue
         newest = SampledSet.of(space, [row], states)
         # a set that grows may become one with others
         while (near := next((earlier for earlier in sets if earlier.is_near(newest)), None)) is not None:

@@ -301,7 +301,7 @@ def _edges_of(
 ) -> list[dict[str, object]]:
     """The transition points of one gait, given the rows that ended in it."""
     undecided = Status.UNDECIDED.among(part["status"])
-    settled = reached & ~undecided
+    settled = reached & Status.SOUND.among(part["status"])
     from_own_starts = part[start].isin(part.loc[settled, start].unique()).to_numpy()
     value = part[parameter].to_numpy(float)
     counts = []
