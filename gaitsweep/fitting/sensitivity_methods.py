@@ -186,7 +186,7 @@ def _index_records(
     method: str, name: str, parameter: str, by_index: Mapping[str, _Index], output: Output
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the records, with COLUMNS, of the indices of a parameter for an output of this name."""
-    remark = _remark(output)
+    remark = "" if method == "one_at_a_time" else _remark(output)  # whose changes go the shorter way
     for index_name in INDICES[method]:
         if index_name not in by_index:
             continue
@@ -269,7 +269,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, *, circular: bool) -> 
     why = ""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
-    elif not np.isfinite(dy) or not np.isfinite(y):
+    elif not np.isfinite([x, y, dy]).all():
         why = f"no value at one of the ends, or at {_OWN_SET}"
     elif x == 0.0 or y == 0.0:
         zero = "parameter" if x == 0.0 else "output"
