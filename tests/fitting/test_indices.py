@@ -161,9 +161,12 @@ def test_too_few_sound_rows_and_constant_outputs_have_no_index() -> None:
     same = np.full(y.size, 3.0)
     gaps = same.copy()
     gaps[1] = np.nan
-    result = indices(design, {"few": Output(few), "same": Output(same), "gaps": Output(gaps)}, 0)
+    rounded = Output(np.mod(1e-16 * y, 2.0 * np.pi), "rad", circular=True)  # the angle 0
+    outputs = {"few": Output(few), "same": Output(same), "gaps": Output(gaps), "rounded": rounded}
+    result = indices(design, outputs, 0)
     assert np.all(result["value"].isna())
     notes = result.groupby("output")["note"].first().to_dict()
+    assert notes["rounded"] == notes["same"]
     assert notes["few"] == "54 of 128 independent rows have a value, and RBD-FAST needs 100"
     assert notes["same"] == "the output is the same in all rows"
     assert notes["gaps"] == "128 of 128 independent rows have a value, and it is the same in all of them"
