@@ -18,7 +18,7 @@ from gaitsweep.engine.poincare.maps import Points
 Mask = Bool[np.ndarray, " records"]
 # Entries of a record that are not columns, or columns of the atlas alone.
 _NOT_COLUMNS = ("row", "point", "at", "events", "changes")
-# Values of the parameter at which bifurcations on two branches are one differ by less, as a share of its range.
+# Bifurcations on two branches are one if their parameters differ by less, as a share of the range.
 SAME_VALUE = 1e-8
 # Numbers of a record that only some records have.
 _NOT_A_NUMBER = dict.fromkeys(("coefficient", "reached", "error"), float("nan"))
