@@ -166,8 +166,9 @@ def along(
 
     They are NaN where a gradient is not finite.
     """
-    directions = np.full_like(gradients.swapaxes(1, 2), np.nan)
-    if gradients.shape[1]:
+    n, k, size = gradients.shape
+    directions = np.full((n, size, k), np.nan)
+    if k:
         finite = np.isfinite(gradients).all(axis=(1, 2))
         directions[finite] = np.linalg.pinv(gradients[finite])
     return directions
