@@ -326,7 +326,7 @@ def test_wada_refusals(change: dict, said: str) -> None:
         wada(grid_table((9, 9), lambda x, y: x < 2).head(0))
     missing = grid_table((8, 8), lambda x, y: x < 3)
     missing.loc[3, "psi_1"] = np.nan
-    with pytest.raises(AnalysisError, match="1 rows have no start along psi_1, psi_2"):
+    with pytest.raises(AnalysisError, match="1 row has no start along psi_1, psi_2"):
         basins(missing)
     with pytest.raises(AnalysisError, match="box is 1, but a box needs 2 cells"):
         basins(grid_table((8, 8), lambda x, y: x < 3), box=1)

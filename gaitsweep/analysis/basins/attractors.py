@@ -287,7 +287,8 @@ class Attractors:
     (`sampled_sets`).
 
     Attributes:
-        column: the attractor of each row, a category; NaN where the row did not settle or was inferred.
+        column: the attractor of each row, a category; NaN where the row did not settle, was inferred, or has
+            no value.
         summary: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
             of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in
             the columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or
