@@ -364,6 +364,17 @@ def test_rows_at_rest_where_others_settled_are_an_attractor_of_their_own(order: 
     assert result.summary["kind"].tolist() == ["point", "rest"]
 
 
+def test_states_at_rest_join_no_others() -> None:
+    """Two settled states, and a line of states at rest from one to the other."""
+    x = np.concatenate([np.repeat([0.0, 2.0], 20), np.linspace(0.05, 1.95, 60)])
+    table = pd.DataFrame({"status": np.repeat(["settled", "at_rest"], [40, 60]), "x_end": x})
+    assert attractors(table).summary[["rows", "kind"]].to_numpy().tolist() == [
+        [60, "rest"],
+        [20, "point"],
+        [20, "point"],
+    ]
+
+
 def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:
     table = settled(np.array([[0.0], [1.0], [0.01], [1.01]]), f=[1.0, 1.0, 2.0, 2.0])
     expected = follow_attractors(table, "f", link=0.5).column.tolist()

@@ -293,7 +293,7 @@ class Attractors:
             of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in
             the columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or
             space from 3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`).
-        link: the largest link within an attractor of settled states, inf where there is one attractor.
+        link: the largest link within an attractor of states settled on the section, inf where there is one.
         grain: the distance below which states are equal.
         states: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
@@ -357,7 +357,10 @@ def attractors(
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
-    groups, link_of_points = _point_groups(space, table, columns, grain, link, corners)
+    groups, link_of_points = _point_groups(space, table, columns, Status.settled, grain, link, corners)
+    # apart from the others, which states at rest may lie between
+    groups += _point_groups(space, table, columns, Status.at_rest, grain, link, corners)[0]
+    groups.sort(key=lambda group: -len(group.rows))
     periods = orbit_periods(table)
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
@@ -395,10 +398,16 @@ def _summary(names: Sequence[str], groups: Sequence[_Group], columns: Sequence[s
 
 
 def _point_groups(
-    space: Space, table: pd.DataFrame, columns: Sequence[str], grain: float, link: float | None, corners: bool
+    space: Space,
+    table: pd.DataFrame,
+    columns: Sequence[str],
+    status: Status,
+    grain: float,
+    link: float | None,
+    corners: bool,
 ) -> tuple[list[_Group], float]:
-    """The rows of each attractor that is no orbit, the most frequent first, and the longest link."""
-    rows = np.flatnonzero(_settled(table, columns))
+    """The rows of a status on each attractor that is no orbit, the most frequent first; the longest link."""
+    rows = np.flatnonzero(_settled(table, columns, status))
     points = _with_values(space.points(table, columns)[rows])
     binned = cells(space, points, grain)
     states = points[binned.first]
@@ -409,17 +418,13 @@ def _point_groups(
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
         group = cut_at_corners(space, states, flat, group, links, gaps, binned.side)
-    # by row, since one cell may have rows at rest and others
-    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[rows]
-    group = np.unique(np.stack([group[binned.of], resting]), axis=1, return_inverse=True)[1].reshape(-1)
     groups = []
-    for number in _largest_first(group):
+    for number in _largest_first(group[binned.of]):
         members = group == number
-        in_group = np.unique(binned.of[members])
-        record = _described(space, states[in_group], flat[in_group], binned.side, columns)
-        if resting[members].any():
+        record = _described(space, states[members], flat[members], binned.side, columns)
+        if status is Status.at_rest:
             record["kind"] = "rest"
-        groups.append(_Group(rows[members], states[in_group], record))
+        groups.append(_Group(rows[members[binned.of]], states[members], record))
     return groups, link
 
 
@@ -468,12 +473,11 @@ def _grain_of(table: pd.DataFrame) -> float:
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
 
-def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
-    """Mask of the rows that settled at a state, on their section or at rest, (n,)."""
-    status = table["status"].astype(str)
+def _settled(table: pd.DataFrame, columns: Sequence[str], status: Status) -> Bool[np.ndarray, " rows"]:
+    """Mask of the rows of a status that settled at a state, (n,)."""
     return (
         _has_value(table[list(columns)].to_numpy(float))
-        & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy()
+        & (table["status"].astype(str) == status.name).to_numpy()
         & (orbit_periods(table) <= 1)
     )
 
