@@ -210,6 +210,19 @@ def test_all_jumps_of_a_pass_are_found_whatever_their_unit(scale: float) -> None
     assert jump_intervals(table.assign(gait="walk"), "x", "speed")["low"].tolist() == [1.5, 2.2]
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e3])
+def test_transition_points_do_not_depend_on_the_unit(scale: float) -> None:
+    """A branch that swings by 0.04 about 0 and 2, and a row that jumps to and fro between them."""
+    f = np.concatenate([np.arange(20.0), np.arange(19.0, -1.0, -1.0)])
+    up = np.concatenate([f[:20] >= 12, f[20:] >= 8])
+    values = 2.0 * np.stack([up, np.arange(40) % 10 < 5]) + 0.02 * np.sin(1.3 * f)
+    stairs = {"pass": np.repeat([0, 1], 20), "stair": np.arange(40), "f": f}
+    table = pd.concat([pd.DataFrame({"row": k, **stairs, "x_n": scale * values[k]}) for k in (0, 1)])
+    points = hysteresis(table, "x", "f").transition_points
+    assert points[["pass", "low", "high", "rows"]].to_numpy().tolist() == [[0, 11, 12, 1], [1, 7, 8, 1]]
+    assert irregular_passes(table, "x", "f").to_numpy().tolist() == [[1, 0], [1, 1]]
+
+
 def test_a_slow_hold_of_a_row_on_one_branch_is_no_jump() -> None:
     """A branch of slope 0.01 whose last hold is 0.02 off, beside a row that jumps by 1."""
     stairs = np.arange(13)
