@@ -286,17 +286,17 @@ def test_grids_are_detected() -> None:
     assert part.wraps == (False, True)
 
 
-def test_a_label_may_have_the_name_of_an_outcome() -> None:
-    gait = pd.Categorical(["failed", "walk", "walk", "failed"])
-    measured = basins(pd.DataFrame({"x": np.arange(4.0), "status": "settled", "gait": gait}))
-    assert measured.fractions["outcome"].astype(str).tolist() == ["walk", "failed"]
-
-
 def test_one_draw_from_each_cell() -> None:
     """The half width against a million draws of one start a cell."""
     shares = np.array([0.0, 1.0, 0.2, 0.5, 0.9, 1.0, 0.0, 0.7])
     drawn = (np.random.default_rng(0).random((1_000_000, 8)) < shares).mean(axis=1)
     assert one_a_cell(shares) == pytest.approx(1.96 * drawn.std(), rel=0.005)
+
+
+def test_a_label_may_have_the_name_of_an_outcome() -> None:
+    gait = pd.Categorical(["failed", "walk", "walk", "failed"])
+    measured = basins(pd.DataFrame({"x": np.arange(4.0), "status": "settled", "gait": gait}))
+    assert measured.fractions["outcome"].astype(str).tolist() == ["walk", "failed"]
 
 
 @pytest.mark.parametrize(
