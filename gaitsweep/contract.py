@@ -177,7 +177,8 @@ class Model(Jumps):
     name: ClassVar[str]
     source: ClassVar[str]  # the paper
     bibtex: ClassVar[str] = ""  # its BibTeX entry
-    gaits: ClassVar[tuple[str, ...]]  # the names that `label` indexes; "none" where no gait is recognised
+    # the names that `label` indexes; "none" where no gait is recognised, and not "failed" or "not settled"
+    gaits: ClassVar[tuple[str, ...]]
 
     @property
     def original(self) -> Model:

@@ -210,8 +210,8 @@ def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:
     if isinstance(dtype, pd.CategoricalDtype):
         categories = [str(category) for category in dtype.categories]
     present = set(labels.unique())
-    others = sorted(present - set(categories) - set(Outcome))
-    order = [*(name for name in categories if name != Outcome.NO_GAIT), *others, *map(str, Outcome)]
+    labels_in_order = [*categories, *sorted(present - set(categories))]
+    order = [*(name for name in labels_in_order if name not in set(Outcome)), *map(str, Outcome)]
     return [name for name in order if name in present]
 
 

@@ -207,13 +207,14 @@ class Design:
         return is_regular or np.unique(axis.at(np.arange(axis.length), {})).size <= MAX_FEW_VALUES
 
     def _closed(self, name: str, axis: RangeAxis) -> bool:
-        """Return whether an axis is an angle whose cells cover one turn."""
+        """Return whether an axis is an angle whose cells cover one turn, in either direction."""
         quantities = (*self.model.parameters, *self.model.initial_conditions)
         is_angle = any(quantity.circular for quantity in quantities if quantity.name == name)
         if not is_angle or axis.logarithmic or axis.formulas:
             return False
-        is_one_turn = math.isclose(float(axis.high) - float(axis.low), 2.0 * math.pi)
-        return is_one_turn and axis.fraction == LinearSpacing(axis.length, "centre")
+        steps = axis.length if axis.fraction == LinearSpacing(axis.length, "centre") else axis.length - 1
+        width = abs(float(axis.high) - float(axis.low))
+        return steps > 0 and math.isclose(width * axis.length, 2.0 * math.pi * steps)
 
     def with_columns(self, columns: Mapping[str, Float[np.ndarray, " rows"]]) -> Design:
         """Return the design whose rows are the entries of these columns (n,), without other axes."""

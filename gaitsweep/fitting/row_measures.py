@@ -317,8 +317,9 @@ class FixedPoint(Measure):
                 constrained = [names.index(name) for name in self.fix]
                 conserved = images.conserved_jacobian[fixed][:, constrained]
                 moduli = np.abs(multipliers(images.jacobian[fixed], conserved))
-                is_largest = self.of_ == _MULTIPLIER
-                measured[fixed] = moduli[:, 0] if is_largest else (moduli > 1.0 + EDGE).sum(axis=1)
+                numbers = moduli[:, 0] if self.of_ == _MULTIPLIER else (moduli > 1.0 + EDGE).sum(axis=1)
+                # NaN where the map has no derivative
+                measured[fixed] = np.where(np.isnan(moduli).any(axis=1), np.nan, numbers)
         why = np.full(n, "", object)
         for k in np.flatnonzero(np.isnan(measured)):
             outcome = NewtonOutcome(fixed_points.outcome[k]).sentence.removesuffix(".")

@@ -312,6 +312,10 @@ def _end_errors(parameter: FreeParameter, quantity: Quantity) -> list[str]:
             errors.append(f"has the choice {quoted(end)}, but takes numbers.")
         elif not inside(np.array([float(end)]), quantity)[0]:
             errors.append(f"goes to {end:g}, but {requirement(quantity)}.")
+    if quantity.whole and parameter.choices is None and not (parameter.whole or errors):
+        low, high = parameter.ends
+        form = f"{{low: {low:g}, high: {high:g}, whole: true}}"
+        errors.append(f"is a range of all numbers, but {requirement(quantity)}: write {form}.")
     return errors
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from gaitsweep.angles import wrapped_difference
+from gaitsweep.angles import TURN, wrapped_difference
 from gaitsweep.errors import ArgumentError
 from gaitsweep.fitting.free_parameters import FreeParameter, sets_at
 
@@ -178,15 +178,15 @@ def _of_output(design: SensitivityDesign, output: Output, seed: int) -> tuple[st
     if design.method == "morris":
         return "morris", _elementary_effects(design, values, seed)
     if np.isfinite(values).all():
-        return "sobol", _variance_shares(design, values, seed)
-    return "rbd_fast", _given_data(design, values, seed)
+        return "sobol", _variance_shares(design, values, seed, circular=output.circular)
+    return "rbd_fast", _given_data(design, values, seed, circular=output.circular)
 
 
 def _index_records(
     method: str, name: str, parameter: str, by_index: Mapping[str, _Index], output: Output
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the records, with COLUMNS, of the indices of a parameter for an output of this name."""
-    remark = _remark(output)
+    remark = "" if method == "one_at_a_time" else _remark(output)  # whose changes go the shorter way
     for index_name in INDICES[method]:
         if index_name not in by_index:
             continue
@@ -269,7 +269,7 @@ def _elasticity(x: float, y: float, dx: float, dy: float, *, circular: bool) -> 
     why = ""
     if circular:
         why = "an angle has no zero, to which a change could be relative"
-    elif not np.isfinite(dy) or not np.isfinite(y):
+    elif not np.isfinite([x, y, dy]).all():
         why = f"no value at one of the ends, or at {_OWN_SET}"
     elif x == 0.0 or y == 0.0:
         zero = "parameter" if x == 0.0 else "output"
@@ -295,17 +295,19 @@ def _elementary_effects(design: SensitivityDesign, y: PerSet, seed: int) -> Indi
     return _by_salib(morris, "morris", names, arguments, seed, rows, note, num_levels=LEVELS)
 
 
-def _variance_shares(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
+def _variance_shares(
+    design: SensitivityDesign, y: PerSet, seed: int, *, circular: bool
+) -> IndicesByParameter:
     """Compute Sobol's first-order and total indices of a design in which all rows have a value."""
     names = design.names
-    if _constant(y):
+    if _constant(y, circular=circular):
         return _missing("sobol", names, "the output is the same in all rows", y.size)
     from SALib.analyze import sobol
 
     return _by_salib(sobol, "sobol", names, (y,), seed, y.size, "", calc_second_order=False)
 
 
-def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByParameter:
+def _given_data(design: SensitivityDesign, y: PerSet, seed: int, *, circular: bool) -> IndicesByParameter:
     """Compute first-order indices from the rows with a value.
 
     Only the base points A and B are used, since they are drawn independently of each other; the points
@@ -322,7 +324,7 @@ def _given_data(design: SensitivityDesign, y: PerSet, seed: int) -> IndicesByPar
     total = _Index(np.nan, np.nan, rows, f"{note}, and ST needs all rows of the design")
     if rows < _MIN_GIVEN_ROWS:
         return _missing("rbd_fast", names, f"{note}, and RBD-FAST needs {_MIN_GIVEN_ROWS}", rows)
-    if _constant(y[used]):
+    if _constant(y[used], circular=circular):
         return _missing("rbd_fast", names, f"{note}, and it is the same in all of them", rows)
     from SALib.analyze import rbd_fast
 
@@ -364,9 +366,9 @@ def _by_salib(
     return by_parameter
 
 
-def _constant(y: PerSet) -> bool:
-    """Return whether values differ by no more than rounding."""
-    return bool(np.ptp(y) <= _ROUNDING * np.max(np.abs(y)))
+def _constant(y: PerSet, *, circular: bool) -> bool:
+    """Return whether values differ by no more than rounding, of angles that of a turn."""
+    return bool(np.ptp(y) <= _ROUNDING * (TURN if circular else np.max(np.abs(y))))
 
 
 @contextlib.contextmanager

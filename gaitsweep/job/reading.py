@@ -465,10 +465,15 @@ def _check_columns(design: Design, run: RunKind) -> list[Diagnostic]:
     diagnostics = []
     # a moved parameter is reported at the run, an axis at its place in `vary`, other names at the model
     paths = {name: path for group in design.groups for name, path in group.paths.items()}
+    moved = {movement.parameter: ".".join(map(str, movement.name_path)) for movement in run.movements}
     for name in repeated:
         reason = "has another column of this name: rename the model's quantity."
         if name == run.moved:
             diagnostics.append(Diagnostic(("run", "parameter"), f"is {name}, but the table {reason}"))
+        elif name in paths and name in moved:
+            diagnostics.append(
+                Diagnostic(paths[name], f"varies, but {moved[name]} moves it: remove one of the two.")
+            )
         elif name in paths:
             diagnostics.append(Diagnostic(paths[name], f"varies {name}, but the table {reason}"))
         else:

@@ -30,6 +30,7 @@ from gaitsweep.engine.stored_traces import dependences, stored
 from gaitsweep.mathtext import can_be_set
 from gaitsweep.models.traced_program import unrepeatable
 from gaitsweep.own_modules import line_of
+from gaitsweep.status import Outcome
 
 _NOT_TEX = "which Matplotlib cannot set: write TeX that it knows, and \\$ for a dollar."
 
@@ -63,6 +64,9 @@ def quantity_faults(model: Model) -> Iterator[str]:
             yield f"whose {kind} {name} has the name of a {owner} and would hide it {where}: rename it."
     if not model.gaits or len(set(model.gaits)) < len(model.gaits):
         yield f'whose gaits are {model.gaits}: there must be at least one name ("none"), without repetitions.'
+    for name in (Outcome.FAILED, Outcome.NOT_SETTLED):
+        if name in model.gaits:
+            yield f"which has a gait named {name}, the outcome of rows without a gait: rename it."
     events = model.guard_names if isinstance(model, HybridModel) else ()
     names_by_owner = {"a gait": model.gaits, "an event": events, "a limb": [x.name for x in model.limbs]}
     for owner, names in names_by_owner.items():

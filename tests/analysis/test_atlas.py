@@ -13,7 +13,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
-from gaitsweep.analysis.atlas.atlas_tables import atlas_table
+from gaitsweep.analysis.atlas.atlas_tables import atlas_table, atlas_tables
 from gaitsweep.analysis.atlas.branch import Branch, point_of, text_of
 from gaitsweep.analysis.atlas.order_changes import OrderChange
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, OrbitSearchOptions, Rows
@@ -222,6 +222,21 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
     assert len(set(outer["branch"])) == 1
     np.testing.assert_allclose(outer["x"].to_numpy(float) ** 2, outer["r"], atol=1e-8)
     assert specials(outer, "flip", "r") == pytest.approx([1.0], abs=1e-10)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e7, 1e-9])
+def test_a_pitchfork_on_two_branches_is_listed_once_in_any_unit(unit: float) -> None:
+    table = pd.DataFrame({"r": [0.0, 0.4, 0.4 + 1e-13, 0.7, 1.0]}) * unit
+    table["special"] = [
+        "",
+        "supercritical_pitchfork",
+        "supercritical_pitchfork",
+        "supercritical_pitchfork",
+        "",
+    ]
+    table["end"] = ["", "", "pitchfork", "pitchfork", "range"]
+    points = atlas_tables(table.assign(row=0, part="branch", found=-1), "r")["points"]
+    np.testing.assert_allclose(points["r"], np.array([0.4, 0.7]) * unit)
 
 
 def test_a_branch_ends_where_it_becomes_its_image() -> None:

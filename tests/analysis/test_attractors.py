@@ -305,6 +305,17 @@ def test_sets_without_a_period_are_told_apart_by_their_crossings(apart: float, n
         agreement(table.assign(gait="trot"), grouped.column)
 
 
+def test_rows_with_fewer_crossings_are_on_their_sets() -> None:
+    """As in joined tables, of which one has fewer crossings, and an observable without a value."""
+    rng = np.random.default_rng(0)
+    clouds = np.concatenate([cloud_rows((centre, 0.0), 4, 40, rng) for centre in (0.0, 5.0)])
+    clouds[[1, 6], 30:] = np.nan
+    table = unsettled(clouds, "chaotic")
+    names = [name.replace("x_", "z_") for name in table.columns if name.startswith("x_")]
+    table = pd.concat([table, pd.DataFrame(np.nan, table.index, names)], axis=1)
+    assert attractors(table, ["x_end", "y_end", "z_end"]).column.tolist() == ["A1"] * 4 + ["A2"] * 4
+
+
 def test_a_sampled_set_is_joined_without_a_change_of_either() -> None:
     rng = np.random.default_rng(3)
     space = Space(np.zeros(2), np.ones(2))
@@ -335,6 +346,33 @@ def test_orbits_without_all_crossings_have_no_states() -> None:
     assert grouped.states == {}
     assert grouped.summary["attractor"].tolist() == ["period 2"]
     assert grouped.summary["rows"].tolist() == [3]
+
+
+@pytest.mark.parametrize("missing", [np.inf, np.nan])
+def test_a_crossing_without_a_value_leaves_other_orbits_as_they_are(missing: float) -> None:
+    table = pd.DataFrame({"status": "settled", "attractor_period": 2, "x_end": [0.0, 0.0, 5.0, 5.0, 0.0]})
+    table["x_end_2"] = [1.0, 1.0, 6.0, 6.0, missing]
+    assert attractors(table).column.tolist() == ["A1", "A1", "A2", "A2", "period 2"]
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [1, 0, 2]])
+def test_rows_at_rest_where_others_settled_are_an_attractor_of_their_own(order: list[int]) -> None:
+    """The states of both are equal, so that they are in one cell."""
+    table = pd.DataFrame({"status": ["settled", "at_rest", "settled"], "psi_1_end": 1.0}).iloc[order]
+    result = attractors(table)
+    assert result.column.loc[[0, 1, 2]].tolist() == ["A1", "A2", "A1"]
+    assert result.summary["kind"].tolist() == ["point", "rest"]
+
+
+def test_states_at_rest_join_no_others() -> None:
+    """Two settled states, and a line of states at rest from one to the other."""
+    x = np.concatenate([np.repeat([0.0, 2.0], 20), np.linspace(0.05, 1.95, 60)])
+    table = pd.DataFrame({"status": np.repeat(["settled", "at_rest"], [40, 60]), "x_end": x})
+    assert attractors(table).summary[["rows", "kind"]].to_numpy().tolist() == [
+        [60, "rest"],
+        [20, "point"],
+        [20, "point"],
+    ]
 
 
 def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:

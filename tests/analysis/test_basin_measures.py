@@ -304,6 +304,12 @@ def test_one_draw_from_each_cell() -> None:
     assert one_a_cell(shares) == pytest.approx(1.96 * drawn.std(), rel=0.005)
 
 
+def test_a_label_may_have_the_name_of_an_outcome() -> None:
+    gait = pd.Categorical(["failed", "walk", "walk", "failed"])
+    measured = basins(pd.DataFrame({"x": np.arange(4.0), "status": "settled", "gait": gait}))
+    assert measured.fractions["outcome"].astype(str).tolist() == ["walk", "failed"]
+
+
 @pytest.mark.parametrize(
     ("given_", "said"),
     [
@@ -331,7 +337,7 @@ def test_wada_refusals(change: dict, said: str) -> None:
         wada(grid_table((9, 9), lambda x, y: x < 2).head(0))
     missing = grid_table((8, 8), lambda x, y: x < 3)
     missing.loc[3, "psi_1"] = np.nan
-    with pytest.raises(AnalysisError, match="1 rows have no start along psi_1, psi_2"):
+    with pytest.raises(AnalysisError, match="1 row has no start along psi_1, psi_2"):
         basins(missing)
     with pytest.raises(AnalysisError, match="box is 1, but a box needs 2 cells"):
         basins(grid_table((8, 8), lambda x, y: x < 3), box=1)

@@ -76,6 +76,14 @@ def test_zeros_of_test_functions_are_found_in_few_trials(name: str) -> None:
     assert alone(located((function(0.0), function(1.0)), 1.0, point_at, function)) is None
 
 
+def test_branches_have_points_at_the_very_values_that_they_pass() -> None:
+    """Steps of 0.16 lead past small values: their difference to such a value, added again, is rounded."""
+    line = PlainMap(lambda values, x: 0.5 * (x + values["r"]), ("x",), (("r", 0.0),))
+    steps = ArclengthSteps(through=(0.003, 0.01, 0.052))
+    table = continuation(line, line.points([[-1.0]]), {}, parameter="r", within=(-1.0, 1.0), steps=steps)
+    assert set(steps.through) <= set(table["r"])
+
+
 def test_levels_at_the_starts_stay_so_on_the_refined_map(monkeypatch: pytest.MonkeyPatch) -> None:
     """A branch that is lost is followed again with the levels given: None is the value at the start."""
     monkeypatch.setattr(PlainMap, "refined", lambda mapping: mapping)

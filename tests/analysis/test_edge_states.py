@@ -267,6 +267,8 @@ def test_refusals() -> None:
         edge_states(SADDLE, u1, u1, {}, mapper=lambda images, pair, cycle: np.zeros(1, int))
     with pytest.raises(ValueError, match="an edge lies between two"):
         ProximityMapper(SADDLE, np.zeros((2, 2)), [0, 0])
+    with pytest.raises(ValueError, match="A label is -1, but must be 0 or more"):
+        ProximityMapper(SADDLE, np.eye(2), [-1, 1])
     with pytest.raises(ValueError, match="2 points of attractors"):
         ProximityMapper(SADDLE, np.zeros((2, 2)), [0])
     apart = np.array([[[1.0, 0.8], [-1.0, 0.8]]] * 2)

@@ -143,6 +143,22 @@ def test_loop_area_against_the_closed_form(centre: float) -> None:
     assert ramp == pytest.approx(SCALE * (AREA + 2 * lag(4000) * np.sqrt(3)), rel=0.01)
 
 
+@pytest.mark.parametrize("name", ["x_n", "psi_n"])
+def test_branches_that_cross_between_two_values(name: str) -> None:
+    """At the turn the second branch is 1/2, so their difference is linear from -1 to 1/2."""
+    table = pd.DataFrame({"row": 0, "pass": [0, 0, 1, 1], "stair": range(4), "f": [0.0, 1.0, 1.0, 0.0]})
+    loops = loop_area(table.assign(**{name: [0.0, 1.0, 0.0, 1.0]}), name, "f")
+    assert loops["area"].item() == pytest.approx(1.0 / 3.0 + 1.0 / 12.0, rel=1e-12)
+    assert loops["signed"].item() == pytest.approx(-1.0 / 4.0, rel=1e-12)
+
+
+def test_branches_of_angles_that_pass_half_a_turn_do_not_cross() -> None:
+    """Their difference goes from 0 to -3 rad, and on by half a turn to 3 rad."""
+    table = pd.DataFrame({"row": 0, "pass": [0] * 3 + [1] * 3, "stair": range(6)})
+    table["f"], table["psi_n"] = [0.0, 1.0, 2.0, 2.0, 1.0, 0.0], [0.0, 0.0, 0.0, 0.0, 3.0, -3.0]
+    assert loop_area(table, "psi_n", "f")["area"].item() == pytest.approx(1.5 + 3.0, rel=1e-12)
+
+
 def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     table = ramp_table(2, steps=1000)
     end = (table["row"] == 1) & (table["crossing"] > 500)
@@ -192,6 +208,19 @@ def test_all_jumps_of_a_pass_are_found_whatever_their_unit(scale: float) -> None
     found = jump_intervals(table, "x", "speed")
     assert found[["low", "high"]].to_numpy().tolist() == [[1.2, 1.3], [1.5, 1.6], [2.2, 2.3]]
     assert jump_intervals(table.assign(gait="walk"), "x", "speed")["low"].tolist() == [1.5, 2.2]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e3])
+def test_transition_points_do_not_depend_on_the_unit(scale: float) -> None:
+    """A branch that swings by 0.04 about 0 and 2, and a row that jumps to and fro between them."""
+    f = np.concatenate([np.arange(20.0), np.arange(19.0, -1.0, -1.0)])
+    up = np.concatenate([f[:20] >= 12, f[20:] >= 8])
+    values = 2.0 * np.stack([up, np.arange(40) % 10 < 5]) + 0.02 * np.sin(1.3 * f)
+    stairs = {"pass": np.repeat([0, 1], 20), "stair": np.arange(40), "f": f}
+    table = pd.concat([pd.DataFrame({"row": k, **stairs, "x_n": scale * values[k]}) for k in (0, 1)])
+    points = hysteresis(table, "x", "f").transition_points
+    assert points[["pass", "low", "high", "rows"]].to_numpy().tolist() == [[0, 11, 12, 1], [1, 7, 8, 1]]
+    assert irregular_passes(table, "x", "f").to_numpy().tolist() == [[1, 0], [1, 1]]
 
 
 def test_a_slow_hold_of_a_row_on_one_branch_is_no_jump() -> None:
@@ -256,9 +285,10 @@ def test_rows_that_reached_their_limit_are_ignored() -> None:
     table.loc[beyond, ["status", "gait"]] = ["cycle_limit", "walk"]  # held by the ghost, still called a walk
     result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
     assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.5])
-    table.loc[beyond, ["status", "gait"]] = ["fell", "none"]  # a row that fell has lost its gait
-    result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
-    assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
+    for last_label in ("none", "walk"):  # a row that fell has lost its gait
+        table.loc[beyond, ["status", "gait"]] = ["fell", last_label]
+        result = transition_points_by_gait(table, "f", "delta_13").set_index("gait")
+        assert result.loc["walk", ["low", "high"]].tolist() == pytest.approx([0.35, 0.4])
 
 
 def test_edges_by_gait_of_several_sets_of_rows() -> None:

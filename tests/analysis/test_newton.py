@@ -163,3 +163,17 @@ def test_gaits_of_the_chain_at_fixed_E() -> None:
     # without it the first two lie on lines, on which E drifts by more than the tolerance or by less
     alone = newton(mapping, result.points[np.arange(2)], {})
     assert alone.outcome.tolist() == [NewtonOutcome.singular] * 2
+
+
+def test_a_gradient_that_is_not_finite_ends_no_other_search() -> None:
+    """sqrt(x) + y is conserved; it has no gradient at x = 0, which an iterate leaves, and no value below."""
+
+    def image(values: Values, x: Coordinates) -> Coordinates:
+        pull = 0.2 * (x[1] - jnp.sqrt(x[0]))
+        return jnp.stack([(jnp.sqrt(x[0]) + pull) ** 2, x[1] - pull])
+
+    mapping = PlainMap(image, ("x", "y"), invariants=(("sum", lambda values, x: jnp.sqrt(x[0]) + x[1]),))
+    starts = np.array([[0.25, 0.1], [0.0, 0.1], [-0.2, 0.3]])
+    result = newton(mapping, mapping.points(starts), {}, fix=["sum"])
+    assert result.converged.tolist() == [True, True, False]
+    np.testing.assert_allclose(result.points.at[:2], [[0.09, 0.3], [0.0025, 0.05]], atol=1e-9)

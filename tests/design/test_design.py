@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
 
+from gaitsweep.contract import Quantity
 from gaitsweep.expression import evaluate
 from gaitsweep.job import JobError
 from tests.support.toy_jobs import EVERY, columns_of, toy
@@ -226,3 +227,26 @@ def test_a_row_that_a_design_lacks_is_refused() -> None:
     for number in (-1, 2):
         with pytest.raises(IndexError, match="has 2 rows"):
             design.row(number)
+
+
+class Turning(Toy):
+    @property
+    def initial_conditions(self) -> tuple[Quantity, ...]:
+        return tuple(
+            dataclasses.replace(q, unit="rad", circular=True, low=-7.0) for q in super().initial_conditions
+        )
+
+
+@pytest.mark.parametrize(
+    ("axis", "closed"),
+    [
+        ({"linspace": ["-pi", "pi", 8], "at": "centre"}, True),
+        ({"linspace": ["pi", "-pi", 8], "at": "centre"}, True),
+        ({"linspace": ["pi/4", "2*pi", 8]}, True),
+        ({"linspace": ["-pi", "pi", 8]}, False),
+        ({"linspace": [1, 1, 1]}, False),
+        ({"linspace": ["-pi", "pi/2", 8], "at": "centre"}, False),
+    ],
+)
+def test_the_cells_of_one_turn_are_closed(axis: dict[str, object], closed: bool) -> None:
+    assert toy(model=f"{__name__}:Turning", vary={"launch_1": axis}).design.grids["launch_1"].closed == closed

@@ -328,6 +328,7 @@ FAULTS = {
         "r": observable("1", "r", count=2)(lambda self, p, s: jnp.stack([s.z, s.v])),
     },
     r"a gait named '\$\\\\bm{a}\$', which Matplotlib cannot set": {"gaits": (r"$\bm{a}$", "b")},
+    "a gait named not settled, the outcome of rows without a gait": {"gaits": ("walk", "not settled")},
     r"a limb named '\$\\\\bm{l}\$', which": {"limbs": property(lambda self: (LimbLook(r"$\bm{l}$"),))},
     r"an event named '\$\\\\bm{e}\$', which": {"high": event(r"$\bm{e}$")(lambda self, p, s: s.z - 2.0)},
     "'it is high' returns booleans": {"high": event("it is high")(lambda self, p, s: s.z > 2.0)},

@@ -161,9 +161,12 @@ def test_too_few_sound_rows_and_constant_outputs_have_no_index() -> None:
     same = np.full(y.size, 3.0)
     gaps = same.copy()
     gaps[1] = np.nan
-    result = indices(design, {"few": Output(few), "same": Output(same), "gaps": Output(gaps)}, 0)
+    rounded = Output(np.mod(1e-16 * y, 2.0 * np.pi), "rad", circular=True)  # the angle 0
+    outputs = {"few": Output(few), "same": Output(same), "gaps": Output(gaps), "rounded": rounded}
+    result = indices(design, outputs, 0)
     assert np.all(result["value"].isna())
     notes = result.groupby("output")["note"].first().to_dict()
+    assert notes["rounded"] == notes["same"]
     assert notes["few"] == "54 of 128 independent rows have a value, and RBD-FAST needs 100"
     assert notes["same"] == "the output is the same in all rows"
     assert notes["gaps"] == "128 of 128 independent rows have a value, and it is the same in all of them"
@@ -191,3 +194,17 @@ def test_angles_all_around_the_circle_are_reported() -> None:
     angle = Output(np.mod(3.0 * points(design)[:, 0], 2.0 * np.pi), "rad", circular=True)
     result = indices(design, {"y": angle}, 0)
     assert result["note"].str.contains("all around the circle").all()
+
+
+def test_changes_of_angles_are_never_cut() -> None:
+    design = designed("one_at_a_time", None)
+    angle = Output(np.linspace(0.0, 2.0 * np.pi, design.n_rows), "rad", circular=True)
+    result = indices(design, {"y": angle}, 0)
+    assert not result.loc[result["index"] != "elasticity", "note"].any()
+
+
+def test_a_start_that_the_model_decides_has_no_elasticity() -> None:
+    design = design_of("one_at_a_time", None, 0, {"x_1": RANGES["x_1"]}, {"x_1": np.nan})
+    result = indices(design, {"y": Output(np.arange(1.0, 1.0 + design.n_rows))}, 0).set_index("index")
+    assert np.isnan(result.loc["elasticity", "value"])
+    assert "no value" in result.loc["elasticity", "note"]

@@ -225,6 +225,16 @@ def test_a_fixed_point_on_a_line_of_them_is_measured() -> None:
         assert result.values == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("of", ["multiplier", "unstable"])
+def test_a_fixed_point_without_a_derivative_has_no_multipliers(of: str) -> None:
+    mapping = SettledMap(lambda values, x: 0.3 * jnp.sqrt(jnp.abs(x)), ("x", "y"))
+    starts = {"x": np.zeros(1), "y": np.zeros(1)}
+    measure = FixedPoint.model_validate({"kind": "fixed_point", "at": {"mass": 1}, "of": of})
+    result = measure.of_starts(mapping, {}, starts, 1)  # type: ignore[arg-type]
+    assert np.isnan(result.values).all()
+    assert result.why.tolist() == [f"no {of} at the fixed point"]
+
+
 def search(**targets: dict[str, Any]) -> dict[str, Any]:
     return {
         "name": "conditions",

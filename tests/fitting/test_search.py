@@ -477,6 +477,14 @@ class Counted(toy_model.Toy):
         return tuple(dataclasses.replace(q, whole=q.name == "mass") for q in super().parameters)
 
 
+def test_a_range_of_a_constant_of_whole_numbers_is_whole() -> None:
+    free = {"mass": [1, 8], "kick": [0.1, 3.0]}
+    targets = {"speed": {**TOY["search"]["targets"]["speed"], "at": {"kicking": 1}}}
+    asked = {**job(free=free, targets=targets), "model": f"{__name__}:Counted"}
+    with pytest.raises(JobError, match=r"mass is a range of all numbers, .* {low: 1, high: 8, whole: true}"):
+        read_search(asked, Path.cwd())
+
+
 def test_a_constant_of_whole_numbers_has_no_neighbours(tmp_path: Path) -> None:
     asked = {**job(robust={**ROBUST, "constants": ["mass"]}), "model": f"{__name__}:Counted"}
     with pytest.raises(JobError, match=r"constants\[0\] is mass, which takes whole numbers only"):

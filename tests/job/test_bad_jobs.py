@@ -25,6 +25,16 @@ def test_a_precision_in_which_the_model_is_not_right(tmp_path: Path) -> None:
     assert "numerics.precision is float32" in message
 
 
+def test_a_second_parameter_that_varies(tmp_path: Path) -> None:
+    run = (
+        "{kind: atlas, parameter: preload, path: [1, 2], ranges: {launch_1: [1, 2]}, second: {mass: [1, 3]}}"
+    )
+    text = GOOD.replace("params: {mass: 2}", "figures: []").replace("  launch_1: {lin", "  mass: {lin")
+    text = text.replace("{kind: settle}", run).partition("figures:\n")[0]
+    message = refused(written(tmp_path, text))
+    assert "line 5: vary.mass varies, but run.second.mass moves it" in message
+
+
 def test_the_good_job_is_good(tmp_path: Path) -> None:
     load_job(written(tmp_path, GOOD))
 

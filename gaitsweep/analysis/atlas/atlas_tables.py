@@ -18,6 +18,8 @@ from gaitsweep.engine.poincare.maps import Points
 Mask = Bool[np.ndarray, " records"]
 # Entries of a record that are not columns, or columns of the atlas alone.
 _NOT_COLUMNS = ("row", "point", "at", "events", "changes")
+# Bifurcations on two branches are one if their parameters differ by less, as a share of the range.
+SAME_VALUE = 1e-8
 # Numbers of a record that only some records have.
 _NOT_A_NUMBER = dict.fromkeys(("coefficient", "reached", "error"), float("nan"))
 
@@ -129,8 +131,11 @@ def _bifurcations(table: pd.DataFrame, parameter: str) -> Mask:
     A parent's flip is met again where its doubled gait ends, and a pitchfork that ends a branch is on the
     symmetric branch as well.
     """
-    special, end = (table[name].astype(str) for name in ("special", "end"))
-    keys = pd.MultiIndex.from_arrays([table["row"], special, table[parameter].round(9)])
-    ends_at_pitchfork = (end == "pitchfork").to_numpy(bool)
-    repeated = (end == "flip").to_numpy(bool) | (ends_at_pitchfork & keys.isin(keys[~ends_at_pitchfork]))
-    return ~special.isin(["", "nan", "kink"]).to_numpy(bool) & ~repeated
+    special, end = (table[name].astype(str).to_numpy(str) for name in ("special", "end"))
+    row, value = table["row"].to_numpy(int), table[parameter].to_numpy(float)
+    least = SAME_VALUE * (np.nanmax(value, initial=-np.inf) - np.nanmin(value, initial=np.inf))
+    repeated = end == "flip"
+    for k in np.flatnonzero(end == "pitchfork"):
+        alike = (row == row[k]) & (special == special[k]) & (end != "pitchfork")
+        repeated[k] = np.any(alike & (np.abs(value - value[k]) <= least))
+    return ~np.isin(special, ["", "nan", "kink"]) & ~repeated

@@ -18,7 +18,14 @@ import pandas as pd
 import scipy
 from jaxtyping import Bool, Float, Int
 
-from gaitsweep.analysis.basins.state_space import Space, StateArray, crossing_columns, extent, state_columns
+from gaitsweep.analysis.basins.state_space import (
+    Coordinates,
+    Space,
+    StateArray,
+    crossing_columns,
+    extent,
+    state_columns,
+)
 from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
 from gaitsweep.status import RECURRENT, Status
 
@@ -69,7 +76,8 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
     """The sets on which the rows of a status are, from that with the most rows on.
 
     A row is on a set if its crossings (x_end, x_end_2, ...) are as near to those of the rows found there as
-    these are to each other, within a factor of `NEAR` in the means of the distances to the nearest one.
+    these are to each other, within a factor of `NEAR` in the means of the distances to the nearest one. The
+    crossings of a row that the table lacks are left out, as those of runs that kept fewer.
 
     Args:
         space: the space of the states.
@@ -82,9 +90,11 @@ def sampled_sets(space: Space, table: pd.DataFrame, columns: Sequence[str], stat
         [space.points(table.iloc[rows], at_crossing) for at_crossing in crossing_columns(table, columns)],
         axis=1,
     )
-    is_complete = np.isfinite(crossings).all(axis=(1, 2))
     sets: list[SampledSet] = []
-    for row, states in zip(rows[is_complete].tolist(), crossings[is_complete], strict=True):
+    for row, at_crossings in zip(rows.tolist(), crossings, strict=True):
+        states = _with_values(at_crossings[_has_value(at_crossings)])
+        if not len(states):
+            continue
         newest = SampledSet.of(space, [row], states)
         # a set that grows may become one with others
         while (near := next((earlier for earlier in sets if earlier.is_near(newest)), None)) is not None:
@@ -277,12 +287,13 @@ class Attractors:
     (`sampled_sets`).
 
     Attributes:
-        column: the attractor of each row, a category; NaN where the row did not settle or was inferred.
+        column: the attractor of each row, a category; NaN where the row did not settle, was inferred, or has
+            no value.
         summary: one record an attractor: attractor (its name), rows, share (of the settled rows), the columns
             of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in
             the columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or
             space from 3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`).
-        link: the largest link within an attractor of settled states, inf where there is one attractor.
+        link: the largest link within an attractor of states settled on the section, inf where there is one.
         grain: the distance below which states are equal.
         states: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
@@ -346,7 +357,10 @@ def attractors(
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
-    groups, link_of_points = _point_groups(space, table, columns, grain, link, corners)
+    groups, link_of_points = _point_groups(space, table, columns, Status.settled, grain, link, corners)
+    # apart from the others, which states at rest may lie between
+    groups += _point_groups(space, table, columns, Status.at_rest, grain, link, corners)[0]
+    groups.sort(key=lambda group: -len(group.rows))
     periods = orbit_periods(table)
     for period in np.unique(periods[periods > 1]).tolist():
         groups += _orbit_groups(space, table, columns, period, grain, link)
@@ -384,10 +398,16 @@ def _summary(names: Sequence[str], groups: Sequence[_Group], columns: Sequence[s
 
 
 def _point_groups(
-    space: Space, table: pd.DataFrame, columns: Sequence[str], grain: float, link: float | None, corners: bool
+    space: Space,
+    table: pd.DataFrame,
+    columns: Sequence[str],
+    status: Status,
+    grain: float,
+    link: float | None,
+    corners: bool,
 ) -> tuple[list[_Group], float]:
-    """The rows of each attractor that is no orbit, the most frequent first, and the longest link."""
-    rows = np.flatnonzero(_settled(table, columns))
+    """The rows of a status on each attractor that is no orbit, the most frequent first; the longest link."""
+    rows = np.flatnonzero(_settled(table, columns, status))
     points = _with_values(space.points(table, columns)[rows])
     binned = cells(space, points, grain)
     states = points[binned.first]
@@ -398,13 +418,11 @@ def _point_groups(
     if corners:
         gaps = np.where(lengths <= link, lengths, 0.0)
         group = cut_at_corners(space, states, flat, group, links, gaps, binned.side)
-    resting = (table["status"].astype(str) == Status.at_rest.name).to_numpy()[rows][binned.first]
-    group = np.unique(np.stack([group, resting]), axis=1, return_inverse=True)[1].reshape(-1)
     groups = []
     for number in _largest_first(group[binned.of]):
         members = group == number
         record = _described(space, states[members], flat[members], binned.side, columns)
-        if resting[members].any():
+        if status is Status.at_rest:
             record["kind"] = "rest"
         groups.append(_Group(rows[members[binned.of]], states[members], record))
     return groups, link
@@ -455,20 +473,24 @@ def _grain_of(table: pd.DataFrame) -> float:
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
 
-def _settled(table: pd.DataFrame, columns: Sequence[str]) -> Bool[np.ndarray, " rows"]:
-    """Mask of the rows that settled at a state, on their section or at rest, (n,)."""
-    values = table[list(columns)].to_numpy(float)
-    # some observables have no value on some gaits, as the lag of a foot that stands
-    finite = ~np.isinf(values).any(axis=1) & ~np.isnan(values).all(axis=1)
-    status = table["status"].astype(str)
+def _settled(table: pd.DataFrame, columns: Sequence[str], status: Status) -> Bool[np.ndarray, " rows"]:
+    """Mask of the rows of a status that settled at a state, (n,)."""
     return (
-        finite
-        & status.isin([Status.settled.name, Status.at_rest.name]).to_numpy()
+        _has_value(table[list(columns)].to_numpy(float))
+        & (table["status"].astype(str) == status.name).to_numpy()
         & (orbit_periods(table) <= 1)
     )
 
 
-def _with_values(states: StateArray) -> StateArray:
+def _has_value(states: Coordinates) -> Bool[np.ndarray, " ..."]:
+    """Mask of the states (..., d) that are known: some observables have no value on some gaits, but not all.
+
+    An example is the lag of a foot that stands.
+    """
+    return np.asarray(~np.isinf(states).any(axis=-1) & ~np.isnan(states).all(axis=-1))
+
+
+def _with_values(states: Coordinates) -> Coordinates:
     """States with 0 for the observables that have no value on their gait."""
     return np.where(np.isnan(states), 0.0, states)
 
@@ -494,20 +516,19 @@ def _orbit_groups(
 ) -> list[_Group]:
     """The rows on each orbit of `period` crossings, the most frequent first, and its states.
 
-    One group without states where the table does not have all crossings, or where they are not finite.
+    Rows of which the table does not have all crossings, as numbers, are one group without states.
     """
     rows = np.flatnonzero(orbit_periods(table) == period)
     kind = f"period {period}"
-    crossings = np.stack(
-        [
-            _with_values(space.points(table.iloc[rows], at_crossing))
-            for at_crossing in crossing_columns(table, columns)[:period]
-        ],
-        axis=1,
-    )
-    if crossings.shape[1] < period or not np.isfinite(crossings).all():
-        return [_orbit_group(table, columns, rows, crossings[:0, 0], kind)]
-    points = crossings.reshape(-1, len(columns))
+    at_crossings = crossing_columns(table, columns)[:period]
+    crossings = np.stack([space.points(table.iloc[rows], names) for names in at_crossings], axis=1)
+    is_known = (_has_value(crossings) & (crossings.shape[1] == period)).all(axis=1)
+    unknown = rows[~is_known]
+    without_states = [_orbit_group(table, columns, unknown, crossings[:0, 0], kind)] if unknown.size else []
+    rows = rows[is_known]
+    if not rows.size:
+        return without_states
+    points = _with_values(crossings[is_known]).reshape(-1, len(columns))
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
@@ -519,10 +540,11 @@ def _orbit_groups(
     from_least = [min(turn[k:] + turn[:k] for k in range(period)) for turn in sequences.tolist()]
     group = np.unique(from_least, axis=0, return_inverse=True)[1].reshape(-1)[sequence_of.reshape(-1)]
     cell = binned.of.reshape(-1, period)
-    return [
+    groups = [
         _orbit_group(table, columns, rows[group == number], states[np.unique(cell[group == number])], kind)
         for number in _largest_first(group)
     ]
+    return groups + without_states
 
 
 def _orbit_group(

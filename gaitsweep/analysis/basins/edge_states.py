@@ -43,14 +43,14 @@ class ProximityMapper:
         mapping: the map.
         attractors: coordinates of one point of each, (k, size), or for each pair, (pairs, k, size); several
             points with one label for attractors that are not fixed points.
-        labels: of these points, (k,); by default 0, 1, ...
+        labels: of these points, (k,), whole numbers from 0 on; by default 0, 1, ...
         reach: as a share of the smallest distance between points of different labels; it must be less than
             the distance from any of these points to an edge. A distance is the largest of any coordinate,
             relative to its magnitude at the attractors.
 
     Raises:
-        ArgumentError: the number of labels is not that of the points, all labels are equal, or `reach` is not
-            above 0.
+        ArgumentError: the number of labels is not that of the points, a label is below 0, all labels are
+            equal, or `reach` is not above 0.
     """
 
     def __init__(
@@ -68,6 +68,8 @@ class ProximityMapper:
         self._labels = np.arange(k) if labels is None else np.asarray(labels, int)
         if len(self._labels) != k:
             raise ArgumentError(f"There are {len(self._labels)} labels, but {k} points of attractors.")
+        if k and self._labels.min() < 0:  # those of trajectories without an attractor
+            raise ArgumentError(f"A label is {self._labels.min()}, but must be 0 or more.")
         if len(set(self._labels.tolist())) < 2:
             raise ArgumentError("All points of attractors have one label, but an edge lies between two.")
         self._scale = np.mean(mapping.sizes(self._places), axis=1, keepdims=True)

@@ -206,7 +206,8 @@ def minimal_fatal_shock(
     space = Space.of(table, axes, scales)
     points = space.points(table, axes)
     if (missing := int((~np.isfinite(points)).any(axis=1).sum())) > 0:
-        raise AnalysisError(f"{missing} rows have no start along {', '.join(axes)}: leave them out.")
+        rows_have = "row has" if missing == 1 else "rows have"
+        raise AnalysisError(f"{missing} {rows_have} no start along {', '.join(axes)}: leave out such rows.")
     shock = np.full(len(table), np.inf)
     towards = np.full(len(table), None, object)
     outcome = labels.to_numpy()

@@ -184,9 +184,12 @@ class ContinuationProblem:
         share = (parameter - branch_points.parameter) / branch_points.tangent[:, -1]
         normal = np.zeros_like(self.weights)
         normal[:, -1] = 1.0
-        return self._solve(
+        after, converged = self._solve(
             branch_points, share[:, None] * branch_points.tangent, normal, parameter - branch_points.parameter
         )
+        # the sum of the former value and the change may be another number, by rounding
+        exactly = np.where(converged, parameter, after.parameter)
+        return dataclasses.replace(after, parameter=exactly), converged
 
     def _solve(
         self, branch_points: BranchPoints, guess: Unknowns, normal: Unknowns, goal: PerBranch

@@ -162,8 +162,16 @@ def matrices(
 def along(
     gradients: Float[np.ndarray, "points constrained coordinates"],
 ) -> Float[np.ndarray, "points coordinates constrained"]:
-    """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size)."""
-    return np.linalg.pinv(gradients) if gradients.shape[1] else gradients.swapaxes(1, 2)
+    """Directions (n, size, k) that change one quantity by one and no other, from gradients (n, k, size).
+
+    They are NaN where a gradient is not finite.
+    """
+    n, k, size = gradients.shape
+    directions = np.full((n, size, k), np.nan)
+    if k:
+        finite = np.isfinite(gradients).all(axis=(1, 2))
+        directions[finite] = np.linalg.pinv(gradients[finite])
+    return directions
 
 
 def newton(

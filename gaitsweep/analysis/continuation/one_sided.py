@@ -123,7 +123,7 @@ def both_sides(problem: ContinuationProblem, at: BranchPoints) -> list[Side]:
     if component @ critical == 0.0:
         return []
     tried = _displacements(problem, at, component / (component @ critical), critical)
-    spread = along(at.images.conserved_jacobian[0, problem.constraints.which])
+    spread = along(at.images.conserved_jacobian[:, problem.constraints.which])[0]
     same_branch = np.zeros(len(tried), int)
     sides: list[Side] = []
     for sign in (1.0, -1.0):

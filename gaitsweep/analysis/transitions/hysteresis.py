@@ -36,7 +36,7 @@ from gaitsweep.analysis.transitions.jumps import (
     row_and_axes,
     upper_median,
 )
-from gaitsweep.angles import is_circular, mean_direction, wrapped_difference
+from gaitsweep.angles import TURN, is_circular, mean_direction, wrapped_difference
 from gaitsweep.near_miss import suggestion
 from gaitsweep.status import Outcome, Status
 
@@ -301,7 +301,7 @@ def _edges_of(
 ) -> list[dict[str, object]]:
     """The transition points of one gait, given the rows that ended in it."""
     undecided = Status.UNDECIDED.among(part["status"])
-    settled = reached & ~undecided
+    settled = reached & Status.SOUND.among(part["status"])
     from_own_starts = part[start].isin(part.loc[settled, start].unique()).to_numpy()
     value = part[parameter].to_numpy(float)
     counts = []
@@ -335,7 +335,12 @@ def _area(course: Course, first: int, *, circular: bool) -> dict[str, float]:
     first_branch, second_branch = (np.interp(grid, at, value) for at, value in branches)
     difference = (first_branch - second_branch) if rising(course, first) else (second_branch - first_branch)
     difference = wrapped_difference(difference) if circular else difference
-    area, signed = np.trapezoid(np.abs(difference), grid), np.trapezoid(difference, grid)
+    left, right = difference[:-1], difference[1:]
+    size = np.abs(left) + np.abs(right)
+    # angles that change sign by more than half a turn pass half a turn, not zero
+    crosses = (left * right < 0.0) & ((size < TURN / 2) if circular else True)
+    height = np.divide(left**2 + right**2, size, out=size.copy(), where=crosses)
+    area, signed = np.sum(np.diff(grid) * height / 2.0), np.trapezoid(difference, grid)
     return {"area": float(area), "signed": float(signed), "low": float(low), "high": float(high)}
 
 

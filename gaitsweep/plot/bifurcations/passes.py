@@ -145,7 +145,7 @@ def while_moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | N
 
 
 def irregular_parted(
-    table: pd.DataFrame | None, name: str, parameter: str, least: float
+    table: pd.DataFrame | None, name: str, parameter: str, least: float | None
 ) -> tuple[pd.DataFrame | None, pd.DataFrame]:
     """The records on branches, and those of irregular passes."""
     if table is None:
