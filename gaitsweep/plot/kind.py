@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, ParamSpec, cast
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
@@ -328,7 +329,7 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         own, shared = read_style(**style_fields), current()
         numbers = None
         if isinstance(table, pd.DataFrame):
-            numbers = [name for name in map(str, table) if pd.api.types.is_numeric_dtype(table[name])]
+            numbers = [str(name) for name, dtype in table.dtypes.items() if is_numeric_dtype(dtype)]
             with _blaming_lost_units(table):
                 _check_names(table, own, shared, spec.get("hue"))
                 _check_axes(kind, table, spec)
@@ -407,7 +408,7 @@ def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str
     Raises:
         PlotError: a column is not numeric, or is named twice.
     """
-    texts = [name for name in map(str, table) if not pd.api.types.is_numeric_dtype(table[name])]
+    texts = [str(name) for name, dtype in table.dtypes.items() if not is_numeric_dtype(dtype)]
     wrong = [*kind._axis_refusals(fields, map(str, table), texts)]
     for field in kind.observable_fields:
         if fields.get(field) in texts:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
@@ -276,6 +276,24 @@ def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None
     corners = [np.asarray(path.vertices) for path in areas[0].get_paths()]
     heights = [sorted({round(float(y), 9) for y in each[:, 1]}) for each in corners]
     assert heights == [[1.0, 2.0], [4.0, 5.0]]
+
+
+def test_a_gait_that_is_stable_at_one_value_has_a_line_and_no_overlap_with_others() -> None:
+    """The trot is stable at 1 and 2, the walk at 3 alone: never both; a row without a value is left out."""
+    rows = [branch(k, k + 1.0, 0.2, 0.8, "walk" if k == 2 else "trot") for k in range(3)]
+    rows += [branch(3, np.nan, 0.0, 1.0, "pace"), branch(4, 2.0, 0.0, 1.0).assign(gait=None)]
+    figure = plot.stable_ranges(followed(*rows), y="mass")
+    lines = [each for each in figure.axes[0].collections if isinstance(each, LineCollection)]
+    assert [line.get_segments()[0].tolist() for line in lines] == [[[0.2, 3.0], [0.8, 3.0]]]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["trot stable", "walk stable"]
+
+
+def test_a_branch_of_one_point_is_drawn() -> None:
+    """The table has a column whose name is a number, as an unnamed one of the reader's."""
+    table = followed(branch(0, 1.0, 0.3, 0.7).iloc[:1].assign(delta_13=1.0))
+    table[0] = 5.0
+    drawn = [line.get_xydata() for line in plot.continuation(table, y="delta_13").axes[0].lines]
+    assert [line.tolist() for line in drawn if len(line)] == [[[0.3, 1.0]]]
 
 
 def test_rows_that_have_not_settled_are_open_among_speeds() -> None:
