@@ -105,6 +105,9 @@ def test_three_lines_at_right_angles() -> None:
     assert settled_measures.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx(
         [1.1, 3.1]
     )
+    single = table.drop_duplicates("gait")
+    with pytest.raises(MeasureError, match="two settled rows of the gait direct that differ"):
+        settled_measures.angles_of_lines(single)
     bent = settled("source", np.stack([low, s, np.minimum(s + 4.0, 5.3)], axis=1))
     result = settled_measures.slopes_of_segments(
         bent, gait="source", free="psi_2", other="psi_3", within=0.15
@@ -292,6 +295,10 @@ def test_ends_on_both_sides_of_the_branch_cut_are_one() -> None:
         {"row": [0, 1, 2], "crossing": 5, "psi_1_n": [-3.14, 3.14, 3.139], "psi_2_n": [0.1, 2.0, 6.2]}
     )
     assert settled_measures.distinct_ends(ends) == [1.0, 3.0]
+    lost = pd.concat([ends, ends.tail(1).assign(row=3, psi_1_n=np.nan, psi_2_n=np.nan)])
+    assert settled_measures.distinct_ends(lost) == [1.0, 3.0]
+    with pytest.raises(MeasureError, match="No row ends with a value of psi_1_n"):
+        settled_measures.distinct_ends(lost.tail(1))
     for of_rows in (settled_measures.last_change, settled_measures.distinct_ends):
         with pytest.raises(MeasureError, match="The table is empty"):
             of_rows(ends.head(0))

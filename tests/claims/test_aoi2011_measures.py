@@ -11,7 +11,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measures import default_values, ratio_of_medians
+from gaitsweep.claims.measures import MeasureError, default_values, ratio_of_medians
 from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.aoi2011 import (
     equation_measures,
@@ -305,6 +305,12 @@ def test_equations() -> None:
     assert equation_measures.angular_velocity_error() < 1e-7
     for of in ("kinetic_energy", "feet", "accelerations"):
         assert equation_measures.mechanics_error(of=of) < 1e-9
+
+
+def test_an_equation_that_gives_nan_has_no_small_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(equation_measures, "phase_rates", lambda *_: np.full(4, np.nan))
+    with pytest.raises(MeasureError, match="not finite"):
+        equation_measures.phase_rate_error()
 
 
 def test_angles_of_gaits_on_both_sides_of_the_branch_cut() -> None:

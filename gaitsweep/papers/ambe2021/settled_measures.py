@@ -198,12 +198,17 @@ def distinct_ends(table: pd.DataFrame) -> list[float]:
         table: a return map's table.
 
     Raises:
-        MeasureError: the table is empty.
+        MeasureError: the table is empty, or no row ends with a value of a relative phase.
     """
     ends = records(table, None).sort_values(by="crossing").groupby("row").tail(1)
-    sorted_ends = np.sort(ends[psi_columns(table, "_n")].to_numpy(float) % TURN, axis=0)
-    gaps = np.diff(sorted_ends, axis=0, append=sorted_ends[:1] + TURN)  # around the circle
-    return [float(max(1, count)) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
+    counts = []
+    for name in psi_columns(table, "_n"):
+        values = np.sort(ends[name].dropna().to_numpy(float) % TURN)
+        if not values.size:
+            raise MeasureError(f"No row ends with a value of {name}.")
+        gaps = np.diff(values, append=values[:1] + TURN)  # around the circle
+        counts.append(float(max(1, np.count_nonzero(gaps > _SAME_WITHIN))))
+    return counts
 
 
 @measure
@@ -257,12 +262,14 @@ def angles_of_lines(table: pd.DataFrame) -> list[float]:
         table: a settle table with the gait of each row.
 
     Raises:
-        MeasureError: no settled row has one of the gaits.
+        MeasureError: no two settled rows of one of the gaits differ, so that they are on no line.
         AnalysisError: the table lacks a column.
     """
     directions = []
     for gait in WAVES:
         states = np.asarray(_settled(table, gait), float)
+        if np.ptp(states, axis=0).max() <= _SAME_WITHIN:
+            raise MeasureError(f"A line needs two settled rows of the gait {gait} that differ.")
         directions.append(np.linalg.svd(states - states.mean(axis=0), full_matrices=False)[2][0])
     cosines = [min(1.0, abs(float(one @ other))) for one, other in itertools.pairwise(directions)]
     return [float(np.degrees(np.arccos(cosine))) for cosine in cosines]
