@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,13 @@ from matplotlib.figure import Figure
 
 from gaitsweep import plot
 from gaitsweep.plot import FIGURES
+from gaitsweep.plot.bifurcations.atlas import _events
 from gaitsweep.plot.footprint_diagrams import _guides
 from gaitsweep.plot.provenance_marks import remarks
 from tests.support.hysteresis_tables import map_table, ramp_table, staircase_table
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
+
+ROOT = Path(__file__).parents[2]
 
 
 def corner(figure: Figure) -> list[str]:
@@ -294,6 +298,16 @@ def test_a_branch_of_one_point_is_drawn() -> None:
     table[0] = 5.0
     drawn = [line.get_xydata() for line in plot.continuation(table, y="delta_13").axes[0].lines]
     assert [line.tolist() for line in drawn if len(line)] == [[[0.3, 1.0]]]
+
+
+def test_a_parameter_is_no_event_of_a_family_of_orbits() -> None:
+    """Its name begins as those of the times of events do."""
+    table = pd.read_parquet(ROOT / "docs/gallery/orbit_family.parquet")
+    events = ["foot lands", "foot lifts off", "apex"]
+    assert [*_events(table, table).values()] == events
+    table.insert(1, "t_off", 0.1)
+    table.attrs["quantities"]["t_off"] = {"unit": "s", "meaning": "time without contact"}
+    assert [*_events(table, table).values()] == events
 
 
 def test_rows_that_have_not_settled_are_open_among_speeds() -> None:

@@ -115,6 +115,20 @@ def test_irregular_rows_have_their_own_panel_and_ticks() -> None:
     assert all(text.endswith("3 of 4 rows") for text in legend_texts(strip))
 
 
+def test_the_order_of_records_has_no_influence() -> None:
+    """Row 1 falls, and turns far away in its last crossings, which are not drawn."""
+    table = ramp_table(2, steps=80)
+    table["status"] = np.where(table["row"] == 1, "fell", "complete")
+    table = table.loc[(table["row"] == 0) | (table["crossing"] <= 140)]
+    last = (table["row"] == 1) & (table["crossing"] > 132)
+    table.loc[last, "delta_13_n"] += np.linspace(1.0, 3.0, 8)
+    shuffled = table.sample(frac=1.0, random_state=0)
+    drawn = [plot.hysteresis(each, y="delta_13").axes[0].lines for each in (table, shuffled)]
+    for line, other in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), other.get_xydata())
+    assert max(np.nanmax(line.get_ydata()) for line in drawn[0]) < 3.1
+
+
 def test_arrows_are_only_where_the_passes_differ() -> None:
     axes = plot.hysteresis(staircase_table(), y="delta_13").axes[0]
     for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):

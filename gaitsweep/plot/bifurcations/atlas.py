@@ -313,10 +313,16 @@ def orbit_family(
 def _events(table: pd.DataFrame, family: pd.DataFrame) -> dict[str, str]:
     """The columns of the times of events that occur along a branch, with the name of each event."""
     quantities = table.attrs.get("quantities", {})
-    return {
-        str(name): str(quantities.get(name, {}).get("meaning", name)).removeprefix(_MEANING)
+    meanings = {
+        str(name): str(quantities.get(name, {}).get("meaning", f"{_MEANING}{name}"))
         for name in family
         if str(name).startswith("t_") and np.isfinite(family[name].to_numpy(float)).any()
+    }
+    # parameters and observables may have such names, too
+    return {
+        name: meaning.removeprefix(_MEANING)
+        for name, meaning in meanings.items()
+        if meaning.startswith(_MEANING)
     }
 
 
