@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from gaitsweep import plot
 from gaitsweep.plot import FIGURES
 from gaitsweep.plot.bifurcations.atlas import _events
+from gaitsweep.plot.columns import rows_where
 from gaitsweep.plot.footprint_diagrams import _guides
 from gaitsweep.plot.provenance_marks import remarks
 from tests.support.hysteresis_tables import map_table, ramp_table, staircase_table
@@ -308,6 +309,16 @@ def test_a_parameter_is_no_event_of_a_family_of_orbits() -> None:
     table.insert(1, "t_off", 0.1)
     table.attrs["quantities"]["t_off"] = {"unit": "s", "meaning": "time without contact"}
     assert [*_events(table, table).values()] == events
+
+
+@pytest.mark.parametrize(("at", "shown"), [(None, 60.0), (68.0, 68.0)])
+def test_a_road_map_shows_where_gaits_were_searched(at: float | None, shown: float) -> None:
+    """By default at the beginning of the path; the job then has no value there."""
+    table = pd.read_parquet(ROOT / "docs/gallery/orbit_family.parquet")
+    table = rows_where(table, table["number"] == 0)
+    table.attrs["job"]["run"] |= {"at": at, "path": [60.0, 75.0]}
+    lines = plot.road_map(table).axes[0].lines
+    assert [line.get_xdata() for line in lines if line.get_color() == "#BBBBBB"] == [[shown, shown]]
 
 
 def test_rows_that_have_not_settled_are_open_among_speeds() -> None:

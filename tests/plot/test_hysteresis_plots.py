@@ -129,6 +129,13 @@ def test_the_order_of_records_has_no_influence() -> None:
     assert max(np.nanmax(line.get_ydata()) for line in drawn[0]) < 3.1
 
 
+def test_a_trace_without_passes_is_refused_in_a_sentence() -> None:
+    table = ramp_table(steps=4).drop(columns="pass")
+    table.attrs["job"] = {"run": {"kind": "trace", "rate": None}}
+    with pytest.raises(PlotError, match="pass is not a column"):
+        plot.hysteresis(table, y="delta_13", parameter="f")
+
+
 def test_arrows_are_only_where_the_passes_differ() -> None:
     axes = plot.hysteresis(staircase_table(), y="delta_13").axes[0]
     for arrow in (patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)):

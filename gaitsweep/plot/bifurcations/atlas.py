@@ -112,7 +112,9 @@ def road_map(
         parts = [part for _, branch in branches.groupby("number") for part in _parts_of_gaits(branch)]
         colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in parts)))
         run = table.attrs["job"]["run"]
-        searched_at = run.get("at", next(iter(run.get("path") or ()), None))
+        searched_at = run.get("at")
+        if searched_at is None:
+            searched_at = next(iter(run.get("path") or ()), None)
         if searched_at is not None:
             axes.axvline(searched_at, color="#BBBBBB", lw=0.8, zorder=0)
         for gait, part in parts:

@@ -130,8 +130,8 @@ def _pace(table: pd.DataFrame) -> str:
     run = table.attrs.get("job", {}).get("run", {})
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
-        return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
-    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if "rate" in run else ""
+        return f"held {run['dwell']:g} s at each value" if run.get("dwell") else "held at each value"
+    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if run.get("rate") else ""
     return f"moved slowly{rate}"
 
 
