@@ -630,6 +630,21 @@ def test_a_body_stays_in_the_picture_on_a_slope(slope: float) -> None:
         assert low < drawn[-1] < drawn[0] < high
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("swings", [0.0, 0.8])
+def test_a_body_that_hangs_is_in_the_picture(swings: float) -> None:
+    """A rod of 1 m on a pivot at a height of 0, upright or swinging."""
+    angle = swings * np.sin(np.linspace(0.0, 6.0, 20))
+    rod = np.zeros((20, 2, 3))
+    rod[:, 1, 0], rod[:, 1, 2] = np.sin(angle), -np.cos(angle)
+    axes = Figure(figsize=(9.6, 5.4)).subplots()
+    pivot = np.zeros((20, 2))
+    side_view.SideView(axes, Skeleton((Limb("rod", rod),)), np.zeros((20, 1), bool), pivot)
+    low, high = axes.get_ylim()
+    assert low < -1.0 < 0.0 < high < 2.0
+    assert side_view.bounds(Skeleton((Limb("rod", rod),)), pivot)[1] == 1.0
+
+
 def test_feet_are_lifted_from_uneven_ground() -> None:
     """A foot that stands on ground 1 m high keeps its place; one 0.1 m above it is 0.3 m above it."""
     limb = np.zeros((2, 3, 3))
