@@ -87,7 +87,9 @@ def test_stairs_of_different_widths_count_by_their_widths() -> None:
     stairs = [1.0, 1.1, 2.0, 3.0]
     table = pd.DataFrame({"f": stairs * 2, "delta_13_n": [0.0] * 4 + [1.0] * 4, "settled": True, "mass": 1.0})
     options = {"observable": "delta_13", "parameter": "f", "apart": 0.5, "by": "mass"}
-    assert transition_measures.bistable_ranges(table, **options) == pytest.approx([2.55])
+    for unit in (1.0, 1e-10, 1e6):
+        of_unit = table.assign(f=table["f"] * unit)
+        assert transition_measures.bistable_ranges(of_unit, **options) == pytest.approx([2.55 * unit])
     with pytest.raises(AnalysisError, match="No hold settled at mass = 1"):
         transition_measures.bistable_ranges(table.assign(settled=False), **options)
     with pytest.raises(AnalysisError, match="single stair"):

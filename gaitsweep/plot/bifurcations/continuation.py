@@ -193,7 +193,7 @@ def key(
         handles.append(Line2D([], [], color="#555555", label="over a bend or jump of the map", **_KINK))
     handles += key_of_marks(special)
     handles += [Patch(label=name, **style_of_range(number)) for number, name in enumerate(beside)]
-    pairs = itertools.combinations(beside.values(), 2)
+    pairs = itertools.combinations(map(sorted, beside.values()), 2)
     if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#9A9A9A", "hatch": "xxxx", "lw": 0.5}
         handles.append(Patch(label="both of these", **look))
