@@ -297,7 +297,7 @@ def test_a_branch_of_one_point_is_drawn() -> None:
     """The table has a column whose name is a number, as an unnamed one of the reader's."""
     table = followed(branch(0, 1.0, 0.3, 0.7).iloc[:1].assign(delta_13=1.0))
     table[0] = 5.0
-    drawn = [line.get_xydata() for line in plot.continuation(table, y="delta_13").axes[0].lines]
+    drawn = [np.asarray(line.get_xydata()) for line in plot.continuation(table, y="delta_13").axes[0].lines]
     assert [line.tolist() for line in drawn if len(line)] == [[[0.3, 1.0]]]
 
 

@@ -78,7 +78,7 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
 
 def _in_one_direction(branch: pd.DataFrame) -> pd.DataFrame:
     """The points of a branch from one end to the other, its start once, if it has two directions."""
-    if "direction" not in branch or branch["direction"].nunique() < 2:
+    if "direction" not in branch or len(np.unique(branch["direction"])) < 2:
         return branch
     back = branch.loc[branch["direction"] < 0].iloc[::-1]
     # a kink marks the step that leads to its record, which is the next record now

@@ -88,7 +88,7 @@ def bistable_ranges(
         AnalysisError: the table does not have a column or has a single stair, or no hold of a group settled.
     """
     require(table, "settled", parameter, f"{observable}_n", by)
-    table = table.assign(**{parameter: _stairs(table[parameter])})
+    table = table.assign(**{parameter: _stairs(pd.Series(table[parameter]))})
     width_of_stair = _widths_of_stairs(table, parameter)
 
     def differ(holds: pd.DataFrame) -> bool:
