@@ -15,6 +15,7 @@ from gaitsweep.analysis.transitions.jumps import jumps
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from tests.support.hysteresis_tables import (
+    CENTRE,
     FOLD,
     delta,
     half_turn_table,
@@ -134,6 +135,17 @@ def test_a_trace_without_passes_is_refused_in_a_sentence() -> None:
     table.attrs["job"] = {"run": {"kind": "trace", "rate": None}}
     with pytest.raises(PlotError, match="pass is not a column"):
         plot.hysteresis(table, y="delta_13", parameter="f")
+
+
+@pytest.mark.parametrize("unit", [0.01, 1000.0])
+def test_the_unit_of_holds_has_no_influence(unit: float) -> None:
+    """A height in m or mm: its branches wind, and differ by a tenth of a metre."""
+    table = staircase_table(hold=40).drop(columns="gait")
+    f = table["f"].to_numpy()
+    table["height_n"] = unit * (0.1 * (table["delta_13_n"] - CENTRE) + 0.002 * np.sin(16.0 * f))
+    (axes,) = plot.hysteresis(table, y="height").axes
+    assert len(legend_texts(axes)) == 2
+    assert len([patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]) == 2
 
 
 def test_arrows_are_only_where_the_passes_differ() -> None:

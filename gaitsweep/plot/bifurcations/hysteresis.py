@@ -19,7 +19,6 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox, ScaledTranslation
 
 from gaitsweep.analysis.records import is_true
-from gaitsweep.analysis.transitions.jumps import LEAST_JUMP
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
@@ -252,7 +251,7 @@ def hysteresis(
     tables = [panel.table for panel in shown if panel.table is not None]
     values = np.concatenate([of_panel[name].to_numpy(float) for of_panel in tables])
     columns = Columns(table, name, along, origin_of(table, name, values))
-    parted = [irregular_parted(panel.table, name, along, least or LEAST_JUMP) for panel in shown]
+    parted = [irregular_parted(panel.table, name, along, least) for panel in shown]
     strips = any(len(irregular) for _, irregular in parted)
     down, across = theme.shape(len(shown), theme.PAGE, 2.0, _PANELS_A_ROW)
     # inches, of a row of panels, which are lower where a page would have no room for them

@@ -16,11 +16,11 @@ from matplotlib.transforms import ScaledTranslation
 
 from gaitsweep.analysis.records import is_true, sound
 from gaitsweep.analysis.transitions.jumps import (
-    LEAST_JUMP,
     STEEPER,
     irregular_passes,
     jump_intervals,
     largest_jumps,
+    usual_least,
     where_it_moves,
 )
 from gaitsweep.angles import unwrap_from
@@ -149,7 +149,7 @@ def while_moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | N
 
 
 def irregular_parted(
-    table: pd.DataFrame | None, name: str, parameter: str, least: float
+    table: pd.DataFrame | None, name: str, parameter: str, least: float | None
 ) -> tuple[pd.DataFrame | None, pd.DataFrame]:
     """The valid records on branches, and those of irregular passes, of a table in order."""
     if table is None:
@@ -194,7 +194,7 @@ def draw_passes(
     rows = branches["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
-    size = least or LEAST_JUMP
+    size = least or usual_least(panel.table, name, parameter)
     jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
     for row, records in branches.groupby("row", sort=True):
