@@ -110,10 +110,10 @@ def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[f
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples.
 
     The height is that above the ground at `above_ground`, or below it of a body that hangs deeper than it is
-    high; 1 m of a body that has none.
+    high; 1 m of one that has neither.
     """
     across, up = _from_camera(skeleton, camera)
-    height = float(np.abs(up).max(initial=0.0)) or 1.0
+    height = float(np.abs(up).max(initial=0.0)) or float(up.size > 0)
     of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max(initial=0.0) for limb in skeleton.limbs]
     depth = max(1.5 * float(max(of_feet, default=0.0)), 0.3 * height)
     return float(np.abs(across).max(initial=0.0)), height, depth
