@@ -119,6 +119,21 @@ def test_three_lines_at_right_angles() -> None:
     assert settled_measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
 
 
+def test_lines_over_the_branch_cut_are_those_of_other_places() -> None:
+    """All phases are moved by 4.5 rad, so that those of the free phase go over 2 pi."""
+    s = np.linspace(1.1, 5.1, 41)
+    states = np.stack([0.1 + 0.05 * s, np.full_like(s, 1.783), s], axis=1)
+    table, moved = (settled("direct", (states + shift) % (2.0 * np.pi)) for shift in (0.0, 4.5))
+    for of_gait in (table, moved):
+        assert settled_measures.slopes_of_segments(
+            of_gait, gait="direct", free="psi_3", other="psi_1", within=0.3
+        ) == pytest.approx([0.05, 0.05])
+    low, high = settled_measures.free_range(moved, gait="direct", phase="psi_3")
+    assert (low % (2.0 * np.pi), high - low) == pytest.approx((5.6, 4.0))
+    ends = settled_measures.gait_ends(moved, gait="direct", phases=["psi_1", "psi_3"])
+    assert ends == pytest.approx([4.755, 7.6 - 2.0 * np.pi])
+
+
 def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
     cell = np.arange(9)
     rows = [(2, 1, "direct"), (2, 0, "direct"), (2, 8, "direct"), (0, 3, "retrograde"), (7, 3, "retrograde")]
