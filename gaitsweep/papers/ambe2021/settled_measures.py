@@ -248,7 +248,7 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
 
 
 def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
-    """The settled relative phases (rad) of the rows of one gait; a range that goes over 2 pi is in one piece."""
+    """The settled relative phases (rad) of the rows of one gait; a range over 2 pi is in one piece."""
     require(table, "gait", "status")
     rows = masked(table, (table["gait"] == gait) & (table["status"] == "settled"))
     if rows.empty:
