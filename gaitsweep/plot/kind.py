@@ -324,6 +324,7 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         table = args[0] if args else spec.get("table")
         if takes_table and not isinstance(table, pd.DataFrame):
             raise PlotError(_no_table(table))
+        _require_names(kind, spec)
         if spec.get("title") == "none":  # as in a job
             spec["title"] = ""
         own, shared = read_style(**style_fields), current()
@@ -400,6 +401,18 @@ def _blaming_lost_units(table: object) -> Iterator[None]:
         if not lost or not of_table or str(error).endswith(_LOST):
             raise
         raise type(error)(f"{error}{'' if str(error).endswith('.') else '.'} {_LOST}") from None
+
+
+def _require_names(kind: type[FigureKind], fields: Mapping[str, Any]) -> None:
+    """Refuse arguments that are no names of columns.
+
+    Raises:
+        PlotError: with the argument.
+    """
+    for field in fields.keys() & {*kind.axis_fields, "hue", "panels"} & kind.model_fields.keys():
+        value = fields[field]
+        if not isinstance(value, str) and (value is not None or kind.model_fields[field].is_required()):
+            raise PlotError(f"{field} is {value!r}, but must be the name of a column.")
 
 
 def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str, Any]) -> None:
