@@ -361,6 +361,8 @@ def test_the_speed_of_a_title_is_that_of_the_table(quadruped: Path) -> None:
     record = pd.Series({"speed_end": 0.2, "status": "settled"})
     assert row_motion._recorded_speed(model, record) == 0.2
     assert row_motion._recorded_speed(model, pd.Series({"speed_n": 0.3})) == 0.3
+    of_orbit = pd.Series({"speed_end": 0.2, "attractor_period": 2})  # the speed of one of its two cycles
+    assert row_motion._recorded_speed(model, of_orbit) is None
     assert row_motion._recorded_speed(model, pd.Series({"speed_end": np.nan})) is None
     of_a_toy = gs.models.find("multilegged")()
     assert row_motion._recorded_speed(of_a_toy, record) is None
