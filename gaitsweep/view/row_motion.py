@@ -288,7 +288,8 @@ def _recorded_speed(model: Model, record: pd.Series) -> float | None:
     An orbit of several cycles has none either: each has its own speed, and the table has that of one.
     """
     observed = ((quantity.name, quantity.unit) for quantity in model.observables)
-    if record.get("attractor_period", 1) > 1 or ("speed", "m/s") not in observed:
+    period: Any = record.get("attractor_period", 1)
+    if period > 1 or ("speed", "m/s") not in observed:
         return None
     speed: Any = record.get("speed_end", record.get("speed_n", np.nan))
     return float(speed) if np.isfinite(speed) else None
