@@ -171,12 +171,13 @@ def irregular_passes(
 
     Args:
         table, observable, parameter: as for `jumps`.
-        least: the least change of a jump, in the observable's unit; by default `usual_least`.
+        least: the least change of a jump, in the observable's unit; by default `LEAST_JUMP`, and of a
+            staircase whose observable is no angle this share of the range of all rows.
 
     Raises:
         AnalysisError: the table does not have a column.
     """
-    least = usual_least(table, observable, parameter) if least is None else least
+    least = _least_reversal(table, observable, parameter) if least is None else least
     all_jumps = jumps(table, observable, parameter, least)
     oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
     passes = {(row, int(number)) for row, number in oscillating}
@@ -188,22 +189,13 @@ def irregular_passes(
     return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
 
-def usual_least(table: pd.DataFrame, observable: str, parameter: str) -> float:
-    """The size of a change that counts where none is given, in the observable's unit.
-
-    It is `LEAST_JUMP` of angles and of ramps, and a twentieth of the range of all rows of a staircase's other
-    observables, which may have any unit.
-
-    Args:
-        table, observable, parameter: as for `jumps`.
-
-    Raises:
-        AnalysisError: the table does not have a column.
-    """
+def _least_reversal(table: pd.DataFrame, observable: str, parameter: str) -> float:
+    """The least change by which a pass reverses direction, in the observable's unit."""
     if "stair" not in table.columns or is_circular(table, section_column(table, observable)):
         return LEAST_JUMP
-    ranges = (course.large for course in courses(table, observable, parameter))
-    return next(ranges, 0.0) or LEAST_JUMP
+    first = next(courses(table, observable, parameter), None)
+    # of a range of 0 nothing reverses
+    return LEAST_JUMP if first is None else LEAST_JUMP * first.large / LEAST_SHARE or LEAST_JUMP
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:
