@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, ParamSpec, cast
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 from pydantic import Field, create_model
 
 from gaitsweep import near_miss
@@ -323,12 +324,13 @@ def drawing_function(kind: type[FigureKind]) -> Callable[..., Figure]:
         table = args[0] if args else spec.get("table")
         if takes_table and not isinstance(table, pd.DataFrame):
             raise PlotError(_no_table(table))
+        _require_names(kind, spec)
         if spec.get("title") == "none":  # as in a job
             spec["title"] = ""
         own, shared = read_style(**style_fields), current()
         numbers = None
         if isinstance(table, pd.DataFrame):
-            numbers = [name for name in map(str, table) if pd.api.types.is_numeric_dtype(table[name])]
+            numbers = [str(name) for name, dtype in table.dtypes.items() if is_numeric_dtype(dtype)]
             with _blaming_lost_units(table):
                 _check_names(table, own, shared, spec.get("hue"))
                 _check_axes(kind, table, spec)
@@ -401,13 +403,25 @@ def _blaming_lost_units(table: object) -> Iterator[None]:
         raise type(error)(f"{error}{'' if str(error).endswith('.') else '.'} {_LOST}") from None
 
 
+def _require_names(kind: type[FigureKind], fields: Mapping[str, Any]) -> None:
+    """Refuse arguments that are no names of columns.
+
+    Raises:
+        PlotError: with the argument.
+    """
+    for field in fields.keys() & {*kind.axis_fields, "hue", "panels"} & kind.model_fields.keys():
+        value = fields[field]
+        if not isinstance(value, str) and (value is not None or kind.model_fields[field].is_required()):
+            raise PlotError(f"{field} is {value!r}, but must be the name of a column.")
+
+
 def _check_axes(kind: type[FigureKind], table: pd.DataFrame, fields: Mapping[str, Any]) -> None:
     """Refuse columns along axes as in a job, and observables whose column has texts.
 
     Raises:
         PlotError: a column is not numeric, or is named twice.
     """
-    texts = [name for name in map(str, table) if not pd.api.types.is_numeric_dtype(table[name])]
+    texts = [str(name) for name, dtype in table.dtypes.items() if not is_numeric_dtype(dtype)]
     wrong = [*kind._axis_refusals(fields, map(str, table), texts)]
     for field in kind.observable_fields:
         if fields.get(field) in texts:

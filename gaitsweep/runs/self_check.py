@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -447,7 +447,10 @@ class _Comparison:
         check.moved += int((wrong & ~discrete).sum())
 
     def compare_crossings(self, rows: Rows, check: SelfCheck) -> RerunRows:
-        """Compare the first crossings of rows (n,) and their times; return the rerun."""
+        """Compare the first crossings of rows (n,) and their times; return the rerun.
+
+        Rows that do not cross the section are compared after as many nominal periods.
+        """
         model, recorder = self.context.model, self.context.spec.recorder
         lanes = [(rows, 1.0, 0.0), (rows, finer_share(self.context), 0.0), (rows, 1.0, MOVED)]
         if isinstance(recorder, CrossingRecorder):
@@ -456,13 +459,37 @@ class _Comparison:
             recorder = CrossingRecorder(model, crossings=CROSSINGS)
             outcomes = self.repeated(recorder, lanes)
         samples = [_crossings(outcome, rows.size, recorder.after_cycles) for outcome in outcomes]
-        if not np.any(np.isfinite(samples[0][:, 1:])) and math.isfinite(end := self.comparable_time):
-            # no section was crossed: the state is compared after as many nominal periods
-            recorder = FixedTimeRecorder(model, end)
-            outcomes = self.repeated(recorder, lanes)
-            starts = self.observed_at_starts(rows)
-            ends = [np.stack([starts, end_values(outcome)], axis=1) for outcome in outcomes]
-            samples = [np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2) for at in ends]
+        stays = ~np.isfinite(samples[0][:, 1:]).any(axis=(1, 2)) & (outcomes[0].status == outcomes[1].status)
+        if not stays.any() or not math.isfinite(end := self.comparable_time):
+            self._compare_samples(rows, outcomes, samples, check)
+            return RerunRows(rows, recorder, outcomes[0])
+        if not stays.all():
+            crossing = [outcome.take(np.flatnonzero(~stays)) for outcome in outcomes]
+            self._compare_samples(rows[~stays], crossing, [of_run[~stays] for of_run in samples], check)
+        at_end = FixedTimeRecorder(model, end)
+        ends = self.repeated(at_end, [(rows[stays], share, move) for _, share, move in lanes])
+        starts = self.observed_at_starts(rows[stays])
+        observed = [np.stack([starts, end_values(outcome)], axis=1) for outcome in ends]
+        samples = [np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2) for at in observed]
+        self._compare_samples(rows[stays], ends, samples, check)
+        return RerunRows(rows, at_end, ends[0]) if stays.all() else RerunRows(rows, recorder, outcomes[0])
+
+    def _compare_samples(
+        self,
+        rows: Rows,
+        outcomes: Sequence[RowOutcome],
+        samples: Sequence[Float[np.ndarray, "rows crossings columns"]],
+        check: SelfCheck,
+    ) -> None:
+        """Compare rows (n,) by samples of three runs: with the same steps, finer ones, and moved starts.
+
+        Args:
+            rows: the rows.
+            outcomes: their results, one for each run.
+            samples: times (s) and observables (n, samples, 1 + k), one array for each run.
+            check: the result that counts the rows that differ.
+        """
+        model = self.context.model
         once, finer, moved = outcomes
         differs = once.status != finer.status
         boundary = differs & (once.status != moved.status)
@@ -475,7 +502,7 @@ class _Comparison:
         if fixed_step_scheme(self.context.spec.numerics.method, model) is not None:
             # the step is part of such a model: changes with it are marked, but are no fault of the run
             check.by_step += int(np.sum(~differs & np.any(most > STEP_TOLERANCE * size, axis=1)))
-            return RerunRows(rows, recorder, once)
+            return
         counts = counted(model, observed[0], observed[1])
         off = most > np.where(counts, 0.0, TOLERANCES * TOLERANCE * size)
         # a change that a start moved by 1e-9 also causes is due to the sensitivity of the motion
@@ -490,7 +517,6 @@ class _Comparison:
         check.count_differs += int(other_count.sum())
         check.moved += int(off_row.sum())
         check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~off_row))
-        return RerunRows(rows, recorder, once)
 
     def compare_starting_points(
         self, rows: Rows, once: StartingPoints, finer: StartingPoints, check: SelfCheck

@@ -260,13 +260,12 @@ def _adders(
 ) -> dict[str, Callable[[dict[str, Any], pd.DataFrame], None]]:
     """The functions that add the rows of a part to what is known about rows of one kind, by field."""
     gaits, shortest_contact = [*context.model.gaits, AT_REST], _shortest_contact(context)
+    periods = _periods(context)
     return {
         MISLABELLED: lambda known, part: _add_mislabelled(known, part, gaits),
         UNEVEN_STRIDES: lambda known, part: add_uneven_strides(known, part, feet),
         WITHOUT_GAIT: lambda known, part: add_without_gait(known, part, feet),
-        SHORT_CONTACTS: lambda known, part: add_short_contacts(
-            known, part, feet, shortest_contact, _periods(context)
-        ),
+        SHORT_CONTACTS: lambda known, part: add_short_contacts(known, part, feet, shortest_contact, periods),
         BACKWARDS: add_backwards,
         "stalls": _add_stalls,
     }

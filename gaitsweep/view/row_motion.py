@@ -283,8 +283,13 @@ def _simulated(
 
 
 def _recorded_speed(model: Model, record: pd.Series) -> float | None:
-    """The observable `speed` (m/s) of a record, the mean of a cycle; None if the model or record has none."""
-    if ("speed", "m/s") not in ((quantity.name, quantity.unit) for quantity in model.observables):
+    """The observable `speed` (m/s) of a record, the mean of a cycle; None if the model or record has none.
+
+    An orbit of several cycles has none either: each has its own speed, and the table has that of one.
+    """
+    observed = ((quantity.name, quantity.unit) for quantity in model.observables)
+    period: Any = record.get("attractor_period", 1)
+    if period > 1 or ("speed", "m/s") not in observed:
         return None
     speed: Any = record.get("speed_end", record.get("speed_n", np.nan))
     return float(speed) if np.isfinite(speed) else None

@@ -130,6 +130,25 @@ def test_pieces_of_branches() -> None:
         stable_ranges(table.rename(columns={"special": "speciel"}), "r")
 
 
+def test_a_branch_followed_in_both_directions_has_one_range() -> None:
+    """From the start at 0 it is stable up to the end at 4, and down to a fold at -2; a kink is passed."""
+    columns = ["direction", "point", "r", "stable", "special", "end"]
+    ahead = [(1, k, float(k), True, "", "range" if k == 4 else "") for k in range(5)]
+    back = [(-1, 0, 0.0, True, "", ""), (-1, 1, -1.0, True, "kink", ""), (-1, 2, -2.0, True, "fold", "")]
+    back += [(-1, 3, -1.5, False, "", ""), (-1, 4, -1.0, False, "", "lost")]
+    table = pd.DataFrame([*ahead, *back], columns=columns).assign(row=0)
+    (piece,) = stable_ranges(table, "r").to_dict("records")
+    assert piece == {"row": 0, "low": -2.0, "high": 4.0, "low_by": "fold", "high_by": "range"}
+    unstable_ahead = table.assign(stable=table["stable"] & (table["r"] <= 0.0))
+    for kink, bound in ((1, "kink"), (2, "")):  # the step from 0 to 1 or the next
+        special = table["special"].mask(table["r"] == kink, "kink")
+        (piece,) = stable_ranges(unstable_ahead.assign(special=special), "r").to_dict("records")
+        assert (piece["high"], piece["high_by"]) == (0.0, bound)
+    mirrored = table.assign(direction=-table["direction"], r=-table["r"])
+    (piece,) = stable_ranges(mirrored, "r").to_dict("records")
+    assert piece == {"row": 0, "low": -4.0, "high": 2.0, "low_by": "range", "high_by": "fold"}
+
+
 @pytest.fixture(scope="module")
 def quadruped() -> BatchedReturnMap:
     return BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))

@@ -45,6 +45,13 @@ def test_agreement_of_tables_with_and_without_the_rule() -> None:
     assert "load_together" not in message.index
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_load_that_is_the_same_in_all_rows_has_no_correlation() -> None:
+    delta = np.linspace(-0.25, 0.25, 5)
+    message = _judged(ends(delta, np.full(5, 7.0), delta, axes={"sigma": np.arange(5.0)}))
+    assert np.isnan(message.loc["load_stance", ["r", "r_low", "r_high"]].to_numpy(float)).all()
+
+
 @pytest.mark.slow
 def test_intervals_of_a_correlation_are_those_of_fishers_transform_where_rows_are_independent() -> None:
     random = np.random.default_rng(3)

@@ -105,6 +105,9 @@ def test_three_lines_at_right_angles() -> None:
     assert settled_measures.gait_ends(table, gait="direct", phases=["psi_1", "psi_3"]) == pytest.approx(
         [1.1, 3.1]
     )
+    single = table.drop_duplicates("gait")
+    with pytest.raises(MeasureError, match="two settled rows of the gait direct that differ"):
+        settled_measures.angles_of_lines(single)
     bent = settled("source", np.stack([low, s, np.minimum(s + 4.0, 5.3)], axis=1))
     result = settled_measures.slopes_of_segments(
         bent, gait="source", free="psi_2", other="psi_3", within=0.15
@@ -114,6 +117,21 @@ def test_three_lines_at_right_angles() -> None:
         settled_measures.slopes_of_segments(bent.head(3), gait="source", free="psi_2", other="psi_3")
     table.loc[3, "psi_2_end"] += 0.5  # off both planes only where psi_1 and psi_3 are, too
     assert settled_measures.distance_from_planes(table) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_lines_over_the_branch_cut_are_those_of_other_places() -> None:
+    """All phases are moved by 4.5 rad, so that those of the free phase go over 2 pi."""
+    s = np.linspace(1.1, 5.1, 41)
+    states = np.stack([0.1 + 0.05 * s, np.full_like(s, 1.783), s], axis=1)
+    table, moved = (settled("direct", (states + shift) % (2.0 * np.pi)) for shift in (0.0, 4.5))
+    for of_gait in (table, moved):
+        assert settled_measures.slopes_of_segments(
+            of_gait, gait="direct", free="psi_3", other="psi_1", within=0.3
+        ) == pytest.approx([0.05, 0.05])
+    low, high = settled_measures.free_range(moved, gait="direct", phase="psi_3")
+    assert (low % (2.0 * np.pi), high - low) == pytest.approx((5.6, 4.0))
+    ends = settled_measures.gait_ends(moved, gait="direct", phases=["psi_1", "psi_3"])
+    assert ends == pytest.approx([4.755, 7.6 - 2.0 * np.pi])
 
 
 def test_parts_of_a_basin_are_connected_on_the_torus() -> None:
@@ -292,6 +310,10 @@ def test_ends_on_both_sides_of_the_branch_cut_are_one() -> None:
         {"row": [0, 1, 2], "crossing": 5, "psi_1_n": [-3.14, 3.14, 3.139], "psi_2_n": [0.1, 2.0, 6.2]}
     )
     assert settled_measures.distinct_ends(ends) == [1.0, 3.0]
+    lost = pd.concat([ends, ends.tail(1).assign(row=3, psi_1_n=np.nan, psi_2_n=np.nan)])
+    assert settled_measures.distinct_ends(lost) == [1.0, 3.0]
+    with pytest.raises(MeasureError, match="No row ends with a value of psi_1_n"):
+        settled_measures.distinct_ends(lost.tail(1))
     for of_rows in (settled_measures.last_change, settled_measures.distinct_ends):
         with pytest.raises(MeasureError, match="The table is empty"):
             of_rows(ends.head(0))

@@ -11,7 +11,7 @@ import pytest
 
 import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.claims.measures import default_values, ratio_of_medians
+from gaitsweep.claims.measures import MeasureError, default_values, ratio_of_medians
 from gaitsweep.errors import ArgumentError
 from gaitsweep.papers.aoi2011 import (
     equation_measures,
@@ -87,7 +87,9 @@ def test_stairs_of_different_widths_count_by_their_widths() -> None:
     stairs = [1.0, 1.1, 2.0, 3.0]
     table = pd.DataFrame({"f": stairs * 2, "delta_13_n": [0.0] * 4 + [1.0] * 4, "settled": True, "mass": 1.0})
     options = {"observable": "delta_13", "parameter": "f", "apart": 0.5, "by": "mass"}
-    assert transition_measures.bistable_ranges(table, **options) == pytest.approx([2.55])
+    for unit in (1.0, 1e-10, 1e6):
+        of_unit = table.assign(f=table["f"] * unit)
+        assert transition_measures.bistable_ranges(of_unit, **options) == pytest.approx([2.55 * unit])
     with pytest.raises(AnalysisError, match="No hold settled at mass = 1"):
         transition_measures.bistable_ranges(table.assign(settled=False), **options)
     with pytest.raises(AnalysisError, match="single stair"):
@@ -305,6 +307,12 @@ def test_equations() -> None:
     assert equation_measures.angular_velocity_error() < 1e-7
     for of in ("kinetic_energy", "feet", "accelerations"):
         assert equation_measures.mechanics_error(of=of) < 1e-9
+
+
+def test_an_equation_that_gives_nan_has_no_small_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(equation_measures, "phase_rates", lambda *_: np.full(4, np.nan))
+    with pytest.raises(MeasureError, match="not finite"):
+        equation_measures.phase_rate_error()
 
 
 def test_angles_of_gaits_on_both_sides_of_the_branch_cut() -> None:

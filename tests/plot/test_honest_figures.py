@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,20 @@ import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from gaitsweep import plot
 from gaitsweep.plot import FIGURES
+from gaitsweep.plot.bifurcations.atlas import _events
+from gaitsweep.plot.columns import rows_where
 from gaitsweep.plot.footprint_diagrams import _guides
 from gaitsweep.plot.provenance_marks import remarks
 from tests.support.hysteresis_tables import map_table, ramp_table, staircase_table
 from tests.support.plot_tables import AXES, crossing_table, rendered, settle_table, trace_table
+
+ROOT = Path(__file__).parents[2]
 
 
 def corner(figure: Figure) -> list[str]:
@@ -276,6 +281,44 @@ def test_no_area_of_stability_goes_over_a_value_at_which_there_is_none() -> None
     corners = [np.asarray(path.vertices) for path in areas[0].get_paths()]
     heights = [sorted({round(float(y), 9) for y in each[:, 1]}) for each in corners]
     assert heights == [[1.0, 2.0], [4.0, 5.0]]
+
+
+def test_a_gait_that_is_stable_at_one_value_has_a_line_and_no_overlap_with_others() -> None:
+    """The trot is stable at 1 and 2, the walk at 3 alone: never both; a row without a value is left out."""
+    rows = [branch(k, k + 1.0, 0.2, 0.8, "walk" if k == 2 else "trot") for k in range(3)]
+    rows += [branch(3, np.nan, 0.0, 1.0, "pace"), branch(4, 2.0, 0.0, 1.0).assign(gait=None)]
+    figure = plot.stable_ranges(followed(*rows), y="mass")
+    lines = [each for each in figure.axes[0].collections if isinstance(each, LineCollection)]
+    assert [line.get_segments()[0].tolist() for line in lines] == [[[0.2, 3.0], [0.8, 3.0]]]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["trot stable", "walk stable"]
+
+
+def test_a_branch_of_one_point_is_drawn() -> None:
+    """The table has a column whose name is a number, as an unnamed one of the reader's."""
+    table = followed(branch(0, 1.0, 0.3, 0.7).iloc[:1].assign(delta_13=1.0))
+    table[0] = 5.0
+    drawn = [np.asarray(line.get_xydata()) for line in plot.continuation(table, y="delta_13").axes[0].lines]
+    assert [line.tolist() for line in drawn if len(line)] == [[[0.3, 1.0]]]
+
+
+def test_a_parameter_is_no_event_of_a_family_of_orbits() -> None:
+    """Its name begins as those of the times of events do."""
+    table = pd.read_parquet(ROOT / "docs/gallery/orbit_family.parquet")
+    events = ["foot lands", "foot lifts off", "apex"]
+    assert [*_events(table, table).values()] == events
+    table.insert(1, "t_off", 0.1)
+    table.attrs["quantities"]["t_off"] = {"unit": "s", "meaning": "time without contact"}
+    assert [*_events(table, table).values()] == events
+
+
+@pytest.mark.parametrize(("at", "shown"), [(None, 60.0), (68.0, 68.0)])
+def test_a_road_map_shows_where_gaits_were_searched(at: float | None, shown: float) -> None:
+    """By default at the beginning of the path; the job then has no value there."""
+    table = pd.read_parquet(ROOT / "docs/gallery/orbit_family.parquet")
+    table = rows_where(table, table["number"] == 0)
+    table.attrs["job"]["run"] |= {"at": at, "path": [60.0, 75.0]}
+    lines = plot.road_map(table).axes[0].lines
+    assert [line.get_xdata() for line in lines if line.get_color() == "#BBBBBB"] == [[shown, shown]]
 
 
 def test_rows_that_have_not_settled_are_open_among_speeds() -> None:

@@ -15,6 +15,7 @@ from gaitsweep.analysis.transitions.jumps import jumps
 from gaitsweep.plot import PlotError
 from gaitsweep.plot.bifurcations.passes import DOWN, UP
 from tests.support.hysteresis_tables import (
+    CENTRE,
     FOLD,
     delta,
     half_turn_table,
@@ -113,6 +114,38 @@ def test_irregular_rows_have_their_own_panel_and_ticks() -> None:
     names = [[tick.get_text() for tick in panel.child_axes[0].get_yticklabels()] for panel in (axes, strip)]
     assert names == [["trot", "walk"], ["pace"]]
     assert all(text.endswith("3 of 4 rows") for text in legend_texts(strip))
+
+
+def test_the_order_of_records_has_no_influence() -> None:
+    """Row 1 falls, and turns far away in its last crossings, which are not drawn."""
+    table = ramp_table(2, steps=80)
+    table["status"] = np.where(table["row"] == 1, "fell", "complete")
+    table = table.loc[(table["row"] == 0) | (table["crossing"] <= 140)]
+    last = (table["row"] == 1) & (table["crossing"] > 132)
+    table.loc[last, "delta_13_n"] += np.linspace(1.0, 3.0, 8)
+    shuffled = table.sample(frac=1.0, random_state=0)
+    drawn = [plot.hysteresis(each, y="delta_13").axes[0].lines for each in (table, shuffled)]
+    for line, other in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), other.get_xydata())
+    assert max(np.nanmax(line.get_ydata()) for line in drawn[0]) < 3.1
+
+
+def test_a_trace_without_passes_is_refused_in_a_sentence() -> None:
+    table = ramp_table(steps=4).drop(columns="pass")
+    table.attrs["job"] = {"run": {"kind": "trace", "rate": None}}
+    with pytest.raises(PlotError, match="pass is not a column"):
+        plot.hysteresis(table, y="delta_13", parameter="f")
+
+
+@pytest.mark.parametrize("unit", [0.01, 1000.0])
+def test_the_unit_of_holds_has_no_influence(unit: float) -> None:
+    """A height in m or mm: its branches wind, and differ by a tenth of a metre."""
+    table = staircase_table(hold=40).drop(columns="gait")
+    f = table["f"].to_numpy()
+    table["height_n"] = unit * (0.1 * (table["delta_13_n"] - CENTRE) + 0.002 * np.sin(16.0 * f))
+    (axes,) = plot.hysteresis(table, y="height").axes
+    assert len(legend_texts(axes)) == 2
+    assert len([patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]) == 2
 
 
 def test_arrows_are_only_where_the_passes_differ() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,14 @@ def test_rows_that_would_share_a_cell_or_a_pass_are_refused_with_the_reason() ->
     stairs.attrs["job"] = {"run": {"parameter": "f"}}
     with pytest.raises(UserError, match=r"Row 0 has several records of stair 0.*gs\.concat"):
         plot.hysteresis(pd.concat([stairs, stairs]), y="delta_13")
+
+
+@pytest.mark.parametrize("wrong", [{"x": ["psi_1"]}, {"y": 3}, {"x": None}, {"hue": ["gait"]}, {"panels": 5}])
+def test_what_is_no_name_of_a_column_is_refused(wrong: dict[str, Any]) -> None:
+    ((field, value),) = wrong.items()
+    sentence = f"{field} is {value!r}, but must be the name of a column"
+    with pytest.raises(PlotError, match=re.escape(sentence)):
+        plot.draw("basin", settle_table(), **({"x": "psi_1", "y": "psi_2"} | wrong))
 
 
 def test_what_is_no_table_is_refused() -> None:

@@ -305,6 +305,29 @@ class Relaxation(gs.DeclaredModel):
         return 6.6 + 0.0 * p.mu
 
 
+class Latch(gs.DeclaredModel):
+    """u rises by 1.5 within 0.01 s, between two steps of 1/16 s, in rows that never cross the section."""
+
+    every = gs.parameter("s", "time between two crossings", 3.0)
+    clock = gs.variable("s", "clock", 0.0, observed=False)
+    u = gs.variable("1", "u", 0.5)
+
+    def flow(self, p, s):
+        on = (s.clock > 1.0) & (s.clock < 1.01) & (p.every > 10.0)
+        return {"clock": 1.0, "u": jnp.where(on, 150.0, 0.0)}
+
+    @gs.event("the time is over", section=True)
+    def tick(self, p, s):
+        return s.clock - p.every
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=s.clock - p.every)
+
+    def period(self, p):
+        return 3.0 + 0.0 * p.every
+
+
 class Counted(gs.DeclaredModel):
     """A rotor whose rate is read from its second turn on."""
 
@@ -372,6 +395,14 @@ def test_the_time_of_a_crossing_is_compared() -> None:
     result = judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 3000.0], numerics=steps)
     assert (result["verdict"], result["moved"], result["worst"]["name"]) == ("warned", 1, "t")
     assert judged(Rotor, gs.ReturnMap(crossings=4), w=[1.0, 5.0])["verdict"] == "passed"
+
+
+@pytest.mark.slow
+def test_rows_that_do_not_cross_the_section_are_compared_beside_those_that_do() -> None:
+    steps = {"method": "rk4", "dt": 1.0 / 16.0}
+    for every in ([1e9], [1e9, 3.0]):
+        result = judged(Latch, gs.Trace(duration=4.0, every=2.0), every=every, numerics=steps)
+        assert (result["verdict"], result["moved"]) == ("warned", 1)
 
 
 def test_events_that_all_steps_miss_are_detected() -> None:

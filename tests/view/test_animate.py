@@ -361,6 +361,8 @@ def test_the_speed_of_a_title_is_that_of_the_table(quadruped: Path) -> None:
     record = pd.Series({"speed_end": 0.2, "status": "settled"})
     assert row_motion._recorded_speed(model, record) == 0.2
     assert row_motion._recorded_speed(model, pd.Series({"speed_n": 0.3})) == 0.3
+    of_orbit = pd.Series({"speed_end": 0.2, "attractor_period": 2})  # the speed of one of its two cycles
+    assert row_motion._recorded_speed(model, of_orbit) is None
     assert row_motion._recorded_speed(model, pd.Series({"speed_end": np.nan})) is None
     of_a_toy = gs.models.find("multilegged")()
     assert row_motion._recorded_speed(of_a_toy, record) is None
@@ -628,6 +630,21 @@ def test_a_body_stays_in_the_picture_on_a_slope(slope: float) -> None:
         view.show(k)
         drawn = np.asarray(view._limbs[0][0].get_ydata())
         assert low < drawn[-1] < drawn[0] < high
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("swings", [0.0, 0.8])
+def test_a_body_that_hangs_is_in_the_picture(swings: float) -> None:
+    """A rod of 1 m on a pivot at a height of 0, upright or swinging."""
+    angle = swings * np.sin(np.linspace(0.0, 6.0, 20))
+    rod = np.zeros((20, 2, 3))
+    rod[:, 1, 0], rod[:, 1, 2] = np.sin(angle), -np.cos(angle)
+    axes = Figure(figsize=(9.6, 5.4)).subplots()
+    pivot = np.zeros((20, 2))
+    side_view.SideView(axes, Skeleton((Limb("rod", rod),)), np.zeros((20, 1), bool), pivot)
+    low, high = axes.get_ylim()
+    assert low < -1.0 < 0.0 < high < 2.0
+    assert side_view.bounds(Skeleton((Limb("rod", rod),)), pivot)[1] == 1.0
 
 
 def test_feet_are_lifted_from_uneven_ground() -> None:

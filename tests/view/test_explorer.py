@@ -10,6 +10,7 @@ import json
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -29,6 +30,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
+from gaitsweep.view.explorer.animated_records import AnimatedRecords
 from gaitsweep.view.explorer.explorer import write_explorer
 from gaitsweep.view.explorer.page_format import (
     RESOLUTION,
@@ -351,6 +353,34 @@ def test_rows_of_a_model_without_signals_walk(tmp_path: Path) -> None:
     result = gs.sweep(SilentHopper(), launch_0=[2.5, 5.0], phase_0=2.0, verify=0)
     fields = fields_of(result.explore(tmp_path / "page.html"))
     assert len(fields["walks"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("run", [gs.Settle(), gs.FixedTime(duration=9.3)], ids=lambda run: run.kind_name)
+def test_rows_that_repeat_the_table_do_not_differ(run: Any, tmp_path: Path) -> None:
+    """A hopper on an orbit of three crossings, of which the table has the same one in all rows."""
+    phases = np.linspace(0.1, 6.0, 12).tolist()
+    result = gs.sweep(Hopper(), run=run, launch_0=1.0, phase_0=phases, verify=0)
+    fields = fields_of(result.explore(tmp_path / "page.html"))
+    assert len(fields["walks"]) == len(phases)
+    assert not any({"apart", "share", "later"} & set(walk) for walk in fields["walks"])
+
+
+@pytest.mark.parametrize(
+    ("phase", "launch", "told"),
+    [(2.0 * np.pi - 1e-3, 3.0, {}), (0.5, 3.0, {"apart": 0.5}), (0.0, 3.5, {"share": 0.25})],
+)
+def test_an_observable_of_any_unit_that_differs_from_the_table_is_told(
+    phase: float, launch: float, told: dict[str, float]
+) -> None:
+    """Launches in the table are from 2 to 4 m/s; the nearest of the last two crossings counts."""
+    table = pd.DataFrame({"phase_end": [0.0, 0.0], "launch_end": [3.0, 2.0]})
+    table.loc[2] = [0.0, 4.0]
+    observed = np.array([[0.0, 9.0], [phase, launch], [3.0, 9.0]])
+    stub = SimpleNamespace(_table=table, _model=Hopper())
+    replayed = SimpleNamespace(crossings=SimpleNamespace(number=range(3), observed=observed))
+    result = AnimatedRecords._largest_change(stub, 0, replayed, range(1, 3), "end")  # type: ignore[arg-type]
+    assert result == pytest.approx(told)
 
 
 @pytest.mark.slow

@@ -18,7 +18,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
     """The stable pieces of each branch, in the order in which they were followed.
 
     A range reaches to the outermost points of its piece, with the special points at its ends. It may extend
-    over a corner or a jump of the map, as the gait does in a simulation.
+    over a corner or a jump of the map, as the gait does in a simulation. A branch that was followed in both
+    directions from its start is one, from its end in direction -1 to that in direction 1.
 
     Args:
         table: a continuation's table.
@@ -41,7 +42,8 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
     records = []
     keys = ["row", "branch"] if "branch" in table else ["row"]
     for _, branch in table.groupby(keys, sort=True, dropna=False):
-        records += [{"row": branch["row"].iloc[0], **piece} for piece in _pieces(branch, parameter)]
+        pieces_of_branch = _pieces(_in_one_direction(branch), parameter)
+        records += [{"row": branch["row"].iloc[0], **piece} for piece in pieces_of_branch]
     gaits = ["gait"] if "gait" in table else []
     names = ["row", *gaits, "low", "high", "low_by", "high_by"]
     pieces = pd.DataFrame(records, columns=pd.Index(names))
@@ -72,6 +74,18 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
     widths = ranges_of_gait.assign(width=ranges_of_gait["high"] - ranges_of_gait["low"])
     widest = widths.sort_values(["row", "width"], kind="stable").drop_duplicates("row", keep="last")
     return widest.drop(columns=["gait", "width"]).reset_index(drop=True)
+
+
+def _in_one_direction(branch: pd.DataFrame) -> pd.DataFrame:
+    """The points of a branch from one end to the other, its start once, if it has two directions."""
+    if "direction" not in branch or len(np.unique(branch["direction"])) < 2:
+        return branch
+    back = branch.loc[branch["direction"] < 0].iloc[::-1]
+    # a kink marks the step that leads to its record, which is the next record now
+    kink = (back["special"] == "kink").to_numpy(bool)
+    leads = np.append(False, kink[:-1]) & ~back["special"].isin(MARKS).to_numpy(bool)
+    back = back.assign(special=back["special"].mask(kink, "").mask(leads, "kink"))
+    return pd.concat([back, branch.loc[(branch["direction"] > 0) & (branch["point"] > 0)]])
 
 
 def _pieces(branch: pd.DataFrame, parameter: str) -> list[dict[str, object]]:

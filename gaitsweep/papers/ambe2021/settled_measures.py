@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gaitsweep.analyses import TURN, require, wrapped_difference
+from gaitsweep.analyses import TURN, mean_direction, require, wrapped_difference
 from gaitsweep.claims import Condition, MeasureError, masked, measure, numbers, records, value
 from gaitsweep.papers.ambe2021.analysis.gait_shares import gait_shares
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import psi_columns
@@ -198,17 +198,22 @@ def distinct_ends(table: pd.DataFrame) -> list[float]:
         table: a return map's table.
 
     Raises:
-        MeasureError: the table is empty.
+        MeasureError: the table is empty, or no row ends with a value of a relative phase.
     """
     ends = records(table, None).sort_values(by="crossing").groupby("row").tail(1)
-    sorted_ends = np.sort(ends[psi_columns(table, "_n")].to_numpy(float) % TURN, axis=0)
-    gaps = np.diff(sorted_ends, axis=0, append=sorted_ends[:1] + TURN)  # around the circle
-    return [float(max(1, count)) for count in np.count_nonzero(gaps > _SAME_WITHIN, axis=0)]
+    counts = []
+    for name in psi_columns(table, "_n"):
+        values = np.sort(ends[name].dropna().to_numpy(float) % TURN)
+        if not values.size:
+            raise MeasureError(f"No row ends with a value of {name}.")
+        gaps = np.diff(values, append=values[:1] + TURN)  # around the circle
+        counts.append(float(max(1, np.count_nonzero(gaps > _SAME_WITHIN))))
+    return counts
 
 
 @measure
 def gait_ends(table: pd.DataFrame, *, gait: str, phases: Sequence[str]) -> list[float]:
-    """Median settled values of relative phases in a gait (rad).
+    """Median settled values of relative phases in a gait (rad), from 0 to 2 pi.
 
     Args:
         table: a settle table with the gait of each row.
@@ -220,12 +225,14 @@ def gait_ends(table: pd.DataFrame, *, gait: str, phases: Sequence[str]) -> list[
         AnalysisError: the table lacks a column.
     """
     rows = _settled(table, gait)
-    return [float(np.median(numbers(rows, f"{phase}_end"))) for phase in phases]
+    return [float(np.median(numbers(rows, f"{phase}_end")) % TURN) for phase in phases]
 
 
 @measure
 def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
     """Smallest and largest settled value of a relative phase in a gait (rad).
+
+    Of a range that goes over 2 pi, one of the two lies outside of [0, 2 pi).
 
     Args:
         table: a settle table with the gait of each row.
@@ -241,12 +248,19 @@ def free_range(table: pd.DataFrame, *, gait: str, phase: str) -> list[float]:
 
 
 def _settled(table: pd.DataFrame, gait: str) -> pd.DataFrame:
-    """The settled relative phases of the rows of one gait, columns psi_1_end, ..."""
+    """The settled relative phases (rad) of the rows of one gait; a range over 2 pi is in one piece."""
     require(table, "gait", "status")
     rows = masked(table, (table["gait"] == gait) & (table["status"] == "settled"))
     if rows.empty:
         raise MeasureError(f"No settled row of the table has the gait {gait}.")
-    return pd.DataFrame(rows[psi_columns(table, "_end")])
+    return pd.DataFrame({name: _together(numbers(rows, name)) for name in psi_columns(table, "_end")})
+
+
+def _together(angles: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """Angles (rad), on the turn about their mean direction where they lie closer together there."""
+    mean = mean_direction(angles)
+    about_mean = mean + wrapped_difference(angles - mean)
+    return about_mean if np.ptp(about_mean) < np.ptp(angles) - _SAME_WITHIN else angles
 
 
 @measure
@@ -257,12 +271,14 @@ def angles_of_lines(table: pd.DataFrame) -> list[float]:
         table: a settle table with the gait of each row.
 
     Raises:
-        MeasureError: no settled row has one of the gaits.
+        MeasureError: no two settled rows of one of the gaits differ, so that they are on no line.
         AnalysisError: the table lacks a column.
     """
     directions = []
     for gait in WAVES:
         states = np.asarray(_settled(table, gait), float)
+        if np.ptp(states, axis=0).max() <= _SAME_WITHIN:
+            raise MeasureError(f"A line needs two settled rows of the gait {gait} that differ.")
         directions.append(np.linalg.svd(states - states.mean(axis=0), full_matrices=False)[2][0])
     cosines = [min(1.0, abs(float(one @ other))) for one, other in itertools.pairwise(directions)]
     return [float(np.degrees(np.arccos(cosine))) for cosine in cosines]
@@ -282,8 +298,11 @@ def distance_from_planes(table: pd.DataFrame) -> float:
         MeasureError: no settled row has one of the gaits.
         AnalysisError: the table lacks a column.
     """
-    first = np.median(np.concatenate([numbers(_settled(table, gait), "psi_1_end") for gait in WAVES[:2]]))
-    third = np.median(np.concatenate([numbers(_settled(table, gait), "psi_3_end") for gait in WAVES[1:]]))
+
+    def median(name: str, gaits: Sequence[str]) -> float:
+        return float(np.median(_together(np.concatenate([numbers(_settled(table, g), name) for g in gaits]))))
+
+    first, third = median("psi_1_end", WAVES[:2]), median("psi_3_end", WAVES[1:])
     rows = masked(table, table["status"] == "settled")
     away = np.minimum(
         np.abs(wrapped_difference(numbers(rows, "psi_1_end") - first)),

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
 from gaitsweep.analyses import TURN
-from gaitsweep.claims import defaults, measure
+from gaitsweep.claims import MeasureError, defaults, measure
 from gaitsweep.dynamics.tree import PointForce, movements, places, rates, turned, velocity
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 from gaitsweep.papers.aoi2011.waist_quadruped.kinematics import HIP, KNEE, LATE, WAIST
@@ -215,8 +215,16 @@ def _kinetic_energy(m: WaistMechanics, q: Positions, v: Velocities) -> Float[Arr
 
 
 def _largest(computed: Any, expected: Any) -> float:
-    """The largest difference of two arrays."""
-    return float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
+    """The largest difference of two arrays.
+
+    Raises:
+        MeasureError: an element is not a finite number, which a largest error of several states would leave
+            out.
+    """
+    largest = float(np.max(np.abs(np.asarray(computed) - np.asarray(expected))))
+    if not math.isfinite(largest):
+        raise MeasureError("The model computes a number that is not finite.")
+    return largest
 
 
 @functools.cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Sequence
 from typing import Literal, get_args
 
@@ -87,6 +88,7 @@ def bistable_ranges(
         AnalysisError: the table does not have a column or has a single stair, or no hold of a group settled.
     """
     require(table, "settled", parameter, f"{observable}_n", by)
+    table = table.assign(**{parameter: _stairs(pd.Series(table[parameter]))})
     width_of_stair = _widths_of_stairs(table, parameter)
 
     def differ(holds: pd.DataFrame) -> bool:
@@ -98,18 +100,25 @@ def bistable_ranges(
         settled = masked(holds, holds["settled"].eq(True))
         if settled.empty:
             raise AnalysisError(f"No hold settled at {by} = {group}.")
-        stairs = settled.groupby(settled[parameter].round(9))
+        stairs = settled.groupby(parameter)
         lengths.append(float(sum(width_of_stair[stair] for stair, part in stairs if differ(part))))
     return lengths
 
 
+def _stairs(values: pd.Series) -> pd.Series:
+    """The parameter's value of each record's stair, without the rounding by which passes differ."""
+    largest = float(values.abs().max())
+    smaller = max(0, -math.floor(math.log10(largest))) if largest > 0.0 else 0
+    return values.round(9 + smaller)
+
+
 def _widths_of_stairs(table: pd.DataFrame, parameter: str) -> dict[Hashable, float]:
-    """The width of the range that each stair stands for, by the parameter's value (rounded).
+    """The width of the range that each stair stands for, by its value.
 
     Raises:
         AnalysisError: the table has a single stair.
     """
-    stairs = np.unique(table[parameter].dropna().round(9).to_numpy(float))
+    stairs = np.unique(table[parameter].dropna().to_numpy(float))
     if len(stairs) < 2:
         raise AnalysisError(f"{parameter} has a single stair, whose width is unknown.")
     steps = np.diff(stairs)

@@ -112,7 +112,9 @@ def road_map(
         parts = [part for _, branch in branches.groupby("number") for part in _parts_of_gaits(branch)]
         colours = theme.colours(theme.ordered(dict.fromkeys(gait for gait, _ in parts)))
         run = table.attrs["job"]["run"]
-        searched_at = run.get("at", next(iter(run.get("path") or ()), None))
+        searched_at = run.get("at")
+        if searched_at is None:
+            searched_at = next(iter(run.get("path") or ()), None)
         if searched_at is not None:
             axes.axvline(searched_at, color="#BBBBBB", lw=0.8, zorder=0)
         for gait, part in parts:
@@ -313,10 +315,16 @@ def orbit_family(
 def _events(table: pd.DataFrame, family: pd.DataFrame) -> dict[str, str]:
     """The columns of the times of events that occur along a branch, with the name of each event."""
     quantities = table.attrs.get("quantities", {})
-    return {
-        str(name): str(quantities.get(name, {}).get("meaning", name)).removeprefix(_MEANING)
+    meanings = {
+        str(name): str(quantities.get(name, {}).get("meaning", f"{_MEANING}{name}"))
         for name in family
         if str(name).startswith("t_") and np.isfinite(family[name].to_numpy(float)).any()
+    }
+    # parameters and observables may have such names, too
+    return {
+        name: meaning.removeprefix(_MEANING)
+        for name, meaning in meanings.items()
+        if meaning.startswith(_MEANING)
     }
 
 

@@ -24,7 +24,14 @@ from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import AlongAxis, Column, GaitColumn, Observable, Title
 from gaitsweep.plot.column_labels import described, symbol
-from gaitsweep.plot.columns import PlotError, branch_parameter, origin_of, recorded_column, require_columns
+from gaitsweep.plot.columns import (
+    PlotError,
+    branch_parameter,
+    origin_of,
+    recorded_column,
+    require_columns,
+    rows_where,
+)
 from gaitsweep.plot.kind import figure_kind
 from gaitsweep.schema.numbers import Real, Text
 
@@ -91,6 +98,9 @@ def draw_branch(
                 (within,) = axes.plot(*line, color=area.get_facecolor(), lw=look["lw"], zorder=1.9)
                 within.set_clip_path(area)
         axes.plot(*line, zorder=2 if piece == "stable" else 1.9, **look)
+    if len(branch) == 1:
+        look = looks["stable" if branch["stable"].iloc[0] else "unstable"]
+        axes.plot(at, value, ".", color=look["color"])
     draw_marks(axes, at, value, branch["special"].to_numpy(object))
 
 
@@ -183,7 +193,7 @@ def key(
         handles.append(Line2D([], [], color="#555555", label="over a bend or jump of the map", **_KINK))
     handles += key_of_marks(special)
     handles += [Patch(label=name, **style_of_range(number)) for number, name in enumerate(beside)]
-    pairs = itertools.combinations(beside.values(), 2)
+    pairs = itertools.combinations(map(sorted, beside.values()), 2)
     if any(max(low, begin) < min(high, end) for (low, high), (begin, end) in pairs):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#9A9A9A", "hatch": "xxxx", "lw": 0.5}
         handles.append(Patch(label="both of these", **look))
@@ -329,10 +339,11 @@ def stable_ranges(
 
 def _areas(table: pd.DataFrame, x: str, y: str) -> dict[str, pd.DataFrame]:
     """The ranges of each named gait, with the value `up` of y, in the order of y."""
+    table = rows_where(table, table[y].notna())
     up_of_row = dict(zip(table["row"], table[y], strict=True))
-    values = pd.DataFrame({"up": np.unique(table[y].dropna().to_numpy(float))})
+    values = pd.DataFrame({"up": np.unique(table[y].to_numpy(float))})
     areas = {}
-    for gait in dict.fromkeys(ranges_of(table, x)["gait"]):
+    for gait in dict.fromkeys(ranges_of(table, x)["gait"].dropna()):
         if gait == "none":
             continue
         ranges = range_of_gait(table, x, gait)
@@ -371,6 +382,10 @@ def _draw(axes: Axes, areas: dict[str, pd.DataFrame]) -> None:
     for name, area in areas.items():
         low, high, up = (area[key].to_numpy(float) for key in ("low", "high", "up"))
         axes.fill_betweenx(up, low, high, **theme.hatched(colour[name], hatch[name]))
+        known = np.pad(np.isfinite(low), 1)
+        alone = known[1:-1] & ~known[:-2] & ~known[2:]  # values of y without an area
+        if alone.any():
+            axes.hlines(up[alone], low[alone], high[alone], color=colour[name], lw=3.0)
     for (one, other), (low, high, up) in _overlaps(areas).items():
         axes.fill_betweenx(up, low, high, color=colour[one], lw=0.0)
         axes.fill_betweenx(up, low, high, edgecolor=colour[other], **_STRIPES)
@@ -392,10 +407,10 @@ def _overlaps(
         both = areas[one].merge(areas[other], on="up", suffixes=("", "_2"))
         low = both[["low", "low_2"]].to_numpy(float).max(axis=1)
         high = both[["high", "high_2"]].to_numpy(float).min(axis=1)
-        disjoint = high <= low
-        if not disjoint.all():
+        overlap = low < high  # False where one of the gaits is not stable
+        if overlap.any():
             up = both["up"].to_numpy(float)
-            overlaps[one, other] = np.where(disjoint, np.nan, low), np.where(disjoint, np.nan, high), up
+            overlaps[one, other] = np.where(overlap, low, np.nan), np.where(overlap, high, np.nan), up
     return overlaps
 
 

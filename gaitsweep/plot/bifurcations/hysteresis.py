@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox, ScaledTranslation
 
-from gaitsweep.analysis.records import is_true, sound
+from gaitsweep.analysis.records import is_true
 from gaitsweep.angles import unwrap_from
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import Observable, Observed, Panels, TableOrName, Title
@@ -33,6 +33,7 @@ from gaitsweep.plot.bifurcations.passes import (
     in_column,
     irregular_parted,
     marker_look,
+    order_of,
     panels_of,
     panels_of_second,
     while_moving,
@@ -240,9 +241,11 @@ def hysteresis(
         shown = [shown[0]._replace(heading="")]
     name = column(table, y, ("_n", ""))
     along = parameter if x is None else column(table, x, ("_n", ""))
-    for panel in shown:
+    for number, panel in enumerate(shown):
         if panel.table is not None:
-            require_columns(panel.table, parameter, "pass", "row", name, along)
+            order = order_of(panel.table)
+            require_columns(panel.table, parameter, "pass", "row", name, along, order)
+            shown[number] = panel._replace(table=panel.table.sort_values(["row", order], kind="stable"))
     if x is not None:
         shown = [panel._replace(table=while_moving(panel.table, parameter)) for panel in shown]
     tables = [panel.table for panel in shown if panel.table is not None]
@@ -334,7 +337,7 @@ def _name_gaits(
     if with_names:  # room is looked for in the figure's layout
         cast(Figure, grid[0].get_figure(root=True)).draw_without_rendering()
     for axes, table, named in with_names:
-        records = rows_where(table, sound(table, name, x) & table["gait"].isin(named))
+        records = rows_where(table, table["gait"].isin(named))
         gaits = records["gait"].to_numpy(str)
         value = unwrap_from(records[name].to_numpy(float), origin)
         for gait in name_branches(axes, records[x].to_numpy(float), value, gaits):

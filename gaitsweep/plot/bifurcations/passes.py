@@ -18,6 +18,7 @@ from gaitsweep.analysis.records import is_true, sound
 from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
     STEEPER,
+    courses,
     irregular_passes,
     jump_intervals,
     largest_jumps,
@@ -130,16 +131,20 @@ def _pace(table: pd.DataFrame) -> str:
     run = table.attrs.get("job", {}).get("run", {})
     unit = unit_of(table, str(run.get("parameter", "")))
     if "stair" in table.columns:
-        return f"held {run['dwell']:g} s at each value" if "dwell" in run else "held at each value"
-    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if "rate" in run else ""
+        return f"held {run['dwell']:g} s at each value" if run.get("dwell") else "held at each value"
+    rate = f" ({run['rate']:g} {unit}/s)".replace(" /s", "/s") if run.get("rate") else ""
     return f"moved slowly{rate}"
 
 
+def order_of(table: pd.DataFrame) -> str:
+    """The column in whose order the records of a row follow each other."""
+    return "stair" if "stair" in table.columns else "crossing"
+
+
 def while_moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | None:
-    """A table without the records of a ramp before its parameter moves."""
+    """A table in order without the records of a ramp before its parameter moves."""
     if table is None or "stair" in table.columns:
         return table
-    table = table.sort_values(["row", "crossing"], kind="stable")
     first = table.groupby("row")[parameter].transform(lambda values: where_it_moves(values.to_numpy(float)))
     return rows_where(table, table.groupby("row").cumcount() >= first)
 
@@ -147,12 +152,13 @@ def while_moving(table: pd.DataFrame | None, parameter: str) -> pd.DataFrame | N
 def irregular_parted(
     table: pd.DataFrame | None, name: str, parameter: str, least: float | None
 ) -> tuple[pd.DataFrame | None, pd.DataFrame]:
-    """The records on branches, and those of irregular passes."""
+    """The valid records on branches, and those of irregular passes, of a table in order."""
     if table is None:
         return None, pd.DataFrame()
     keys = pd.MultiIndex.from_arrays([table["row"], table["pass"]])
     irregular = keys.isin(pd.MultiIndex.from_frame(irregular_passes(table, name, parameter, least)))
-    return rows_where(table, ~irregular), rows_where(table, irregular)
+    is_sound = sound(table, name, parameter)
+    return rows_where(table, is_sound & ~irregular), rows_where(table, is_sound & irregular)
 
 
 class Pass(NamedTuple):
@@ -171,7 +177,7 @@ def draw_passes(
     Args:
         axes: its axes.
         panel: its heading and its table, or the reason why there is none.
-        branches: the records of the table that are on branches.
+        branches: the valid records of the table that are on branches, in order.
         columns: the columns along the axes.
         least: change of y that counts as a jump, in its unit; by default as for `jump_intervals`.
 
@@ -183,24 +189,29 @@ def draw_passes(
     if panel.table is None or branches is None:
         theme.message(axes, panel.note)
         return []
-    order = "stair" if "stair" in panel.table.columns else "crossing"
-    # the last records before a fall are those of the whole row
-    table = rows_where(panel.table, sound(panel.table, name, parameter))
-    table = rows_where(table, table.index.isin(branches.index)).sort_values(["row", order], kind="stable")
-    if not len(table):
+    if not len(branches):
         theme.message(axes, _why_empty(panel.table, name))
         return []
-    rows = table["row"].unique()
+    rows = branches["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
-    size = least or LEAST_JUMP
+    size = least or _usual_step(panel.table, columns)
     jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
-    for row, records in table.groupby("row", sort=True):
+    for row, records in branches.groupby("row", sort=True):
         passes = _draw_row(axes, records, name, parameter, origin, alpha, size)
         if row == with_arrows:
             _draw_arrows(axes, passes, size)
-    return _draw_jumps(axes, jump_intervals(panel.table, name, parameter, least), table, parameter)
+    return _draw_jumps(axes, jump_intervals(panel.table, name, parameter, least), branches, parameter)
+
+
+def _usual_step(table: pd.DataFrame, columns: Columns) -> float:
+    """The least change of y that parts two holds where none is given; half of it has arrows."""
+    _, name, parameter, origin = columns
+    if origin is not None or "stair" not in table.columns:
+        return LEAST_JUMP
+    first = next(courses(table, name, parameter), None)
+    return LEAST_JUMP if first is None else first.large or LEAST_JUMP
 
 
 def _why_empty(table: pd.DataFrame, name: str) -> str:
@@ -241,14 +252,13 @@ def _jump_words(edge: Mapping[Any, Any], table: pd.DataFrame, parameter: str) ->
 
 
 def draw_strip(axes: Axes, irregular: pd.DataFrame, table: pd.DataFrame | None, columns: Columns) -> None:
-    """Draw the records of irregular passes as points."""
+    """Draw the valid records of irregular passes as points."""
     if table is None or not len(irregular):
         theme.message(axes, "Each pass follows a branch.")
         return
     _, name, x, origin = columns
-    points = rows_where(irregular, sound(irregular, name, x))
-    size = float(np.clip(60.0 / np.sqrt(max(len(points), 1)), 0.8, 3.0))
-    for number, of_pass in points.groupby("pass", sort=True):
+    size = float(np.clip(60.0 / np.sqrt(len(irregular)), 0.8, 3.0))
+    for number, of_pass in irregular.groupby("pass", sort=True):
         value = unwrap_from(of_pass[name].to_numpy(float), origin)
         colour = _colour_of(of_pass, x, int(str(number)))
         axes.plot(of_pass[x].to_numpy(float), value, ".", ms=size, color=colour, rasterized=True)
@@ -299,7 +309,7 @@ def _draw_row(
     at = records[parameter].to_numpy(float)
     value = unwrap_from(records[name].to_numpy(float), origin)
     pass_numbers = records["pass"].to_numpy(int)
-    order = records["stair" if stairs else "crossing"].to_numpy(int)
+    order = records[order_of(records)].to_numpy(int)
     settled = np.ones(len(records), bool)
     if "settled" in records.columns:
         settled = is_true(records, "settled")

@@ -17,9 +17,9 @@ from gaitsweep.kinds.fixed_points import FollowsFixedPoints
 from gaitsweep.plot.limbs import limbs_of_model
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
-from gaitsweep.runs.self_check_result import changes, circular
+from gaitsweep.runs.self_check_result import changes, circular, sizes
 from gaitsweep.skeleton import LimbLook
-from gaitsweep.status import Status
+from gaitsweep.status import RECURRENT, Status
 from gaitsweep.view.explorer.page_format import (
     compressed,
     crossing_fields,
@@ -33,7 +33,8 @@ from gaitsweep.view.explorer.start_map import StartMap
 
 _MOST_SERIES = 6  # lines of one figure beside the map, unless they are angles
 _NAMED = 3  # symbols in the name of a group of observables
-# Differences in angles up to this value between a row simulated again and the table are not reported, rad.
+# Differences up to this value between a row simulated again and the table are not reported: rad, or shares of
+# an observable's size.
 _REPORTED = 1e-2
 
 
@@ -150,29 +151,42 @@ class AnimatedRecords:
         row, run = self._table.iloc[record], self._context.job.run
         if isinstance(run, FollowsFixedPoints):  # crossings that have to give a fixed point back
             period = int(row["period"]) if "period" in row else 1
-            return self._largest_change(record, replayed, period, "n")
-        if not run.one_a_row or str(row["status"]) not in Status.SOUND:
+            return self._largest_change(record, replayed, range(period, period + 1), "n")
+        if not run.one_a_row or str(row["status"]) not in Status.SOUND - RECURRENT:
             return {}
-        difference = self._largest_change(record, replayed, int(row["cycles"]), "end")
+        difference: dict[str, Any] = {}
+        if run.compared != "ends":  # rows of a fixed time end between crossings
+            # the table has the same crossing of an orbit for all rows, not the last one
+            last, period = int(row["cycles"]), int(row.get("attractor_period", 1))
+            crossings = range(max(last + 1 - max(period, 1), 0), last + 1)
+            difference = self._largest_change(record, replayed, crossings, "end")
         gait = str(gaits(self._model, np.array([replayed.gait]))[0]) if replayed.gait != -1 else "none"
         if not pd.isna(row["gait"]) and gait != str(row["gait"]):
             difference["later"] = gait
         return difference
 
     def _largest_change(
-        self, record: int, replayed: ReplayedRow, crossing: int, suffix: str
+        self, record: int, replayed: ReplayedRow, crossings: range, suffix: str
     ) -> dict[str, Any]:
-        """The largest difference of an angle at a crossing from the table's (rad), if it is reported.
+        """The largest difference of an observable from the table's, if it is reported.
 
-        The table's observables are the columns with `suffix`.
+        It is that at the one of the crossings which is nearest to the table: of an angle `apart`, rad, else
+        of another observable `share`, of its size on the page. The table's observables are the columns with
+        `suffix`.
         """
-        if crossing >= len(replayed.crossings.number):
+        if crossings[-1] >= len(replayed.crossings.number):
             return {}
-        row = self._table.iloc[record]
-        ends = np.array([float(row[f"{q.name}_{suffix}"]) for q in self._model.observables])
-        differences = changes(self._model, replayed.crossings.observed[crossing], ends)
-        most = float(np.nanmax(differences[circular(self._model)], initial=0.0))
-        return {"apart": most} if most > _REPORTED else {}
+        observables = self._model.observables
+        recorded = self._table[[f"{q.name}_{suffix}" for q in observables]].to_numpy(float)
+        observed = replayed.crossings.observed[crossings.start : crossings.stop]
+        # of angles in rad, which are their own shares
+        shares = changes(self._model, observed, recorded[record]) / sizes(observables, recorded)
+        nearest = shares[np.argmin(np.nanmax(shares, axis=1, initial=0.0))]
+        angles = circular(self._model)
+        for name, of_kind in (("apart", nearest[angles]), ("share", nearest[~angles])):
+            if (most := float(np.nanmax(of_kind, initial=0.0))) > _REPORTED:
+                return {name: most}
+        return {}
 
     def _drawn_over_cycles(self) -> list[dict[str, Any]]:
         """The observables drawn over the cycles, in groups with one unit each, angles first.
@@ -239,7 +253,7 @@ class AnimatedRecords:
         noun = ("start" if starts else "record") + "s" * (total != 1)
         full = f"; {simulated - len(walks)} more did not fit" if len(walks) < simulated else ""
         beside = f", {self._beside} of them beside a boundary" if self._beside and not full else ""
-        different = sum("later" in walk or "apart" in walk for walk in walks)
+        different = sum(not {"later", "apart", "share"}.isdisjoint(walk) for walk in walks)
         differ = f"; {different} of them differ from the table, as the page shows" if different else ""
         verb = "is" if total == 1 else "are"
         return f"{len(walks)} of {total} {noun} {verb} animated{beside}{full}{differ}."

@@ -109,14 +109,20 @@ def above_ground(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> F
 def bounds(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> tuple[float, float, float]:
     """Half the width, the height and half the ground's depth (m) that contain the body at all samples.
 
-    The height is that above the ground at `above_ground`.
+    The height is that above the ground at `above_ground`, or below it of a body that hangs deeper than it is
+    high; 1 m of one that has neither.
     """
-    middle = above_ground(skeleton, camera)[:, None, :]
-    across, up = projected((points_of(skeleton) - middle).reshape(-1, 3)).T
-    height = float(up.max(initial=0.0))
+    across, up = _from_camera(skeleton, camera)
+    height = float(np.abs(up).max(initial=0.0)) or float(up.size > 0)
     of_feet = [np.abs(limb.points[:, -1, 1] - camera[:, 1]).max(initial=0.0) for limb in skeleton.limbs]
     depth = max(1.5 * float(max(of_feet, default=0.0)), 0.3 * height)
     return float(np.abs(across).max(initial=0.0)), height, depth
+
+
+def _from_camera(skeleton: Skeleton, camera: Float[np.ndarray, "frames 2"]) -> Float[np.ndarray, "2 points"]:
+    """Drawn places (m) of all points at all samples: across from the camera, and above its ground."""
+    middle = above_ground(skeleton, camera)[:, None, :]
+    return projected((points_of(skeleton) - middle).reshape(-1, 3)).T
 
 
 class Ground:
@@ -131,6 +137,7 @@ class Ground:
         aside: Float[np.ndarray, 2],
         *,
         named: bool,
+        lowest: float = 0.0,
     ) -> None:
         """Draw the ground.
 
@@ -140,11 +147,12 @@ class Ground:
             depth: width of the ground to both sides, m.
             aside: the drawn offset of a metre to the left, m.
             named: whether marks show their position.
+            lowest: the lowest place of the body above the ground, m; below 0 of one that hangs.
         """
         self._aside = aside * depth
         self.near = -float(self._aside[1])
         above, below = _NAMED if named else _PLAIN
-        low, high = self.near - below * height, above * height
+        low, high = min(self.near, lowest) - below * height, above * height
         box = axes.get_window_extent()
         ratio = box.width / max(box.height, 1.0)
         width = max(2.3 * half, (high - low) * ratio)
@@ -216,7 +224,8 @@ class SideView:
         self._moves = float(np.ptp(camera[:, 0])) > 1e-6 * half
         self._sole = 0.05 * self._height
         axes.set_axis_off()
-        self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named)
+        lowest = float(_from_camera(skeleton, camera)[1].min(initial=0.0))
+        self._ground = Ground(axes, half, self._height, depth, _ASIDE, named=named, lowest=lowest)
         pixels = self._height * axes.get_window_extent().height / np.ptp(axes.get_ylim())
         self._thickness = float(np.clip(72.0 * pixels / axes.figure.dpi / _USUAL_HEIGHT, 0.4, 1.5))
         line = {"color": _INK, "lw": 1.2 * self._thickness, "zorder": 1.4}

@@ -267,9 +267,10 @@ def load_prediction(table: pd.DataFrame) -> pd.DataFrame:
         table: as for `pairs_in`, with feedback and without (k2 = 0) over the same other parameters.
 
     Returns:
-        One record for each set of parameters at which all rows without feedback trot and all rows with it
-        have the same walk: row (its number), swept axes, gait (the walk), pair_number (0: the mean of both),
-        delta (of the walk, cycles), and the `MEASURES` of the trot.
+        One record for each set of parameters at which all rows of the nine gaits without feedback trot, and
+        all those with it have the same walk; other rows do not count. Its columns: row (its number), swept
+        axes, gait (the walk), pair_number (0: the mean of both), delta (of the walk, cycles), and the
+        `MEASURES` of the trot.
 
     Raises:
         AnalysisError: the table does not have a column, or no row is without feedback.
@@ -320,7 +321,9 @@ def wilson_interval(share: float, draws: int) -> tuple[float, float]:
 
 
 def correlation(x: Records, y: Records, case: Int[np.ndarray, " records"]) -> tuple[float, float, float]:
-    """Pearson's r with the ends of its bootstrap interval over cases; NaN for fewer than three cases.
+    """Pearson's r with the ends of its bootstrap interval over cases.
+
+    They are NaN for fewer than three cases, and where x or y is constant.
 
     Args:
         x, y: the two quantities of each record.
@@ -333,9 +336,11 @@ def correlation(x: Records, y: Records, case: Int[np.ndarray, " records"]) -> tu
     x, y = x - x.mean(), y - y.mean()  # avoids cancellation
     terms = (np.ones_like(x), x, y, x * x, y * y, x * y)
     sums = np.stack([np.bincount(case, term, count) for term in terms], axis=1)
+    r = _pearson(sums.sum(axis=0)[None])[0]
+    if np.isnan(r):
+        return np.nan, np.nan, np.nan
     parts = enumerate(_parts(count))
     drawn = np.concatenate([_counts(count, draws, number) @ sums for number, draws in parts])
-    r = _pearson(sums.sum(axis=0)[None])[0]
     tails = 50.0 * (1.0 - LEVEL)
     low, high = np.nanpercentile(_pearson(drawn), [tails, 100.0 - tails])
     return float(r), float(low), float(high)

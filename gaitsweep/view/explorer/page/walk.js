@@ -21,6 +21,7 @@ function showWalk() {
   else if (walk && owner !== chosen) texts.push(`The animation shows ${nameOf(owner)}, the nearest record with this outcome that has one; records with an animation have a dot on the map.`);
   if (walk && walk.later) texts.push(`When it was simulated again with intermediate samples, this start ended with the gait ${walk.later}: it is on a boundary, or drifts.`);
   if (walk && walk.apart) texts.push(`When it was simulated again with intermediate samples, its phases differed by ${walk.apart.toPrecision(2)} rad from those of the record.`);
+  if (walk && walk.share) texts.push(`When it was simulated again with intermediate samples, an observable differed from that of the record by ${(100 * walk.share).toPrecision(2)} % of its size.`);
   note.hidden = !texts.length;
   note.textContent = texts.join(" ");
   const group = $("stretches");
