@@ -269,7 +269,7 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
     for name, values in numbers.items():
         yield from _non_finite_faults(name, values, where)
     yield from _clock_faults(model, at_starts, where)
-    for field, old in at_starts.state.items():
+    for field, old in at_starts.own_state.items():  # which events are armed, no model decides
         new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if row is not None:

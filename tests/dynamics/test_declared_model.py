@@ -489,6 +489,25 @@ def test_an_event_that_its_jump_does_not_end_happens_without_end() -> None:
     assert "event 'too high' is not ended by its jump" in told
 
 
+@pytest.mark.slow
+def test_a_start_in_the_middle_between_two_instants_is_no_fault() -> None:
+    """Their phase is there zero but for rounding, so that each jump arms the event by what it sees anew."""
+
+    class Ticking(DeclaredModel):
+        length = parameter("s", "time between two instants", 1.0)
+        x = variable("1", "place", 0.0)
+        t = gs.time()
+        tick = gs.instants("tick", every=lambda p: p.length, after=-0.5, section=True)
+
+        def flow(self, p, s):
+            return {"x": -s.x, "t": 1.0}
+
+        def period(self, p):
+            return p.length
+
+    assert faults(Ticking) == []
+
+
 def test_a_sentence_of_a_model_that_cannot_be_made_ends_once() -> None:
     def fails(self: object) -> None:
         raise ValueError("A foot has no ground.")
