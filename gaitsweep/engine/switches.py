@@ -2,8 +2,8 @@
 
 A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons, signs and rounded values of
 moving variables are found in its program, and a step across which one of them changes is shortened. The
-differences that decide a comparison, a maximum or a minimum are evaluated inside the step as well, as guards
-are, so that a pulse that begins and ends there is met.
+differences that decide a comparison, a sign, a maximum or a minimum are evaluated inside the step as well, as
+guards are, so that a pulse that begins and ends there is met.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SATURATION = 8.0
 # by the sign of their difference.
 _CAST = "convert_element_type"
 _LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", "argmax", "argmin", _CAST}
-_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
+_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs", "sign"), 0.0), "exp": NEGLIGIBLE}
 _SATURATED = {"tanh", "logistic", "erf"}
 _LARGEST = {"reduce_max", "argmax"}
 _EXTREMES = {*_LARGEST, "reduce_min", "argmin"}
@@ -60,7 +60,7 @@ class Switching(NamedTuple):
     Attributes:
         levels: the truths of comparisons, signs and rounded numbers (n,): constant between switches, and
             different by 1 or more after one.
-        surfaces: the differences (m,) whose signs decide a comparison, a maximum or a minimum.
+        surfaces: the differences (m,) whose signs decide a comparison, a sign, a maximum or a minimum.
     """
 
     levels: Float[Array, " levels"]

@@ -312,6 +312,7 @@ positive_part.defjvps(lambda rate, _, x: jnp.where(x > 0.0, rate, 0.0))
 @pytest.mark.parametrize(
     ("rate", "switches"),
     [
+        (jnp.sign, True),
         (jax.nn.relu, True),
         (positive_part, True),
         (jax.checkpoint(jnp.abs), True),
@@ -321,7 +322,7 @@ positive_part.defjvps(lambda rate, _, x: jnp.where(x > 0.0, rate, 0.0))
         (lambda x: jax.nn.softplus(x) + jax.checkpoint(jnp.sin)(x), False),
     ],
 )
-def test_switches_of_inner_programs_are_found(rate, switches: bool) -> None:
+def test_switches_at_zero_are_found(rate, switches: bool) -> None:
     """A step is shortened at the switches that are found; each of these is at x = 0."""
     flow = lambda _, s: {"x": rate(s.x), "y": 0.0}  # noqa: E731
     before, after = (switching(flow, None, Point(jnp.asarray(x), jnp.asarray(1.0))) for x in (-0.1, 0.1))
