@@ -146,7 +146,8 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             quiet = jnp.zeros(guards.shape, bool)
         else:
             assert isinstance(model, FixedStepDynamics)
-            after = model.step(params, state, jnp.asarray(1e-6))
+            factor = (jnp.ones(()),) if model.stochastic else ()
+            after = model.step(params, state, jnp.asarray(1e-6), *factor)
             stepped = _by_path(after)
             quiet = jnp.zeros(model.events(params, state, after).shape, bool)
         return {

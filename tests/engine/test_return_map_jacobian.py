@@ -394,7 +394,9 @@ def test_a_variable_that_is_infinite_ends_a_return_and_a_mode_does_not(infinite:
     model = Toy()
     returns = PoincareReturn(model, Numerics(dt=1e-3, method="rk4").resolve(model), derivatives=False)
     params = scalars(model)
-    state = dataclasses.replace(model.init(params, {"launch_1": jnp.ones(())}), **{infinite: jnp.full(1, jnp.inf)})
+    state = dataclasses.replace(
+        model.init(params, {"launch_1": jnp.ones(())}), **{infinite: jnp.full(1, jnp.inf)}
+    )
     number = jax.jit(lambda state: returns.status(params, returns.begin(params, state)))(state)
     assert ReturnStatus(int(number)).name == status
 
