@@ -172,7 +172,8 @@ class PerturbRecorder(Recorder):
         model: the model with the push.
         settle: decides when a row has settled; its limits hold before and after the push.
         within: the largest distance of a crossing from one of the gait that counts as back: the largest
-            difference of an observable, as a share of its scale, or of its magnitude without one.
+            difference of an observable, in rad or as a share of its scale, without one of `MIN_SIZE` and its
+            magnitude.
     """
 
     model: PushedModel  # pyright: ignore[reportIncompatibleVariableOverride]
