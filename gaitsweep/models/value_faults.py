@@ -120,7 +120,7 @@ class _AtStarts:
     @property
     def own_state(self) -> _Values:
         """The state less what arms its events, which is NaN where a guard is."""
-        return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
+        return {name: value for name, value in self.state.items() if not name.startswith(f"{ARMING}.")}
 
 
 def _by_path(tree: Any) -> dict[str, Any]:
