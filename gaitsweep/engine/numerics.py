@@ -42,6 +42,8 @@ MIN_STEPS_PER_PERIOD = 8.0
 # Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
+# Functions that are finite at zero, where they have no Taylor series: of a body that starts at rest, drag.
+_ROOTS = {"sqrt", "cbrt", "pow"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,8 +98,8 @@ class Numerics:
 def taylor_is_faster(model: Model) -> bool:
     """Whether taylor is faster than tsit5 to fine tolerances.
 
-    It is for flows that do not switch and have sines or cosines, which its recurrences compute once a step;
-    all operations need a recurrence.
+    It is for flows that do not switch and have sines or cosines, which its recurrences compute once a step,
+    and no roots of what moves; all operations need a recurrence.
     """
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
@@ -105,10 +107,11 @@ def taylor_is_faster(model: Model) -> bool:
 
 
 def _moves_smoothly_in_circles(model: HybridModel) -> bool:
-    """Whether a flow does not switch and has a moving sine or cosine."""
+    """Whether a flow does not switch, has a moving sine or cosine, and no root of what moves."""
     # the programs of the flow and the guards are traced with shapes, without values
     params, state = shapes_of(model)
-    if _CIRCULAR.isdisjoint(moving_operations(model, params, state)):
+    operations = moving_operations(model, params, state)
+    if _CIRCULAR.isdisjoint(operations) or not _ROOTS.isdisjoint(operations):
         return False
     return not may_switch(model, params, state)
 

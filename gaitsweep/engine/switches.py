@@ -252,13 +252,23 @@ def _with_derivative(program: Jaxpr) -> set[Var]:
 def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
     """JAX's names of the operations in the flow that move as it moves the state.
 
+    A power with a whole number as its exponent is `integer_pow`, however it is written.
+
     Args:
         model: the model.
         params: its parameters.
         state: a state, of which only the shape counts.
     """
     closed, rates = _program(model.flow, params, state)
-    return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
+    return {_name(equation) for equation, _ in _moving(closed.jaxpr, state, rates)}
+
+
+def _name(equation: JaxprEqn) -> str:
+    """The name of an operation; that of a power with a whole exponent is `integer_pow`."""
+    name = equation.primitive.name
+    exponent = equation.invars[-1]
+    is_whole = name == "pow" and isinstance(exponent, Literal) and float(exponent.val).is_integer()
+    return "integer_pow" if is_whole else name
 
 
 def curving_operation(model: HybridModel, params: Params, state: State) -> str | None:
