@@ -20,7 +20,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.stored_traces import shapes_of, stored
-from gaitsweep.engine.switches import may_switch, moving_operations
+from gaitsweep.engine.switches import ROOTS, may_switch, moving_operations
 from gaitsweep.errors import ArgumentError
 
 _Factor = TypeVar("_Factor", float, jax.Array)
@@ -42,8 +42,6 @@ MIN_STEPS_PER_PERIOD = 8.0
 # Relative tolerance, and functions in the flow, with which taylor is faster than tsit5 (docs/performance.md).
 FINE_TOLERANCE = 1e-10
 _CIRCULAR = {"sin", "cos"}
-# Functions that are finite at zero, where they have no Taylor series: of a body that starts at rest, drag.
-_ROOTS = {"sqrt", "cbrt", "pow"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +109,7 @@ def _moves_smoothly_in_circles(model: HybridModel) -> bool:
     # the programs of the flow and the guards are traced with shapes, without values
     params, state = shapes_of(model)
     operations = moving_operations(model, params, state)
-    if _CIRCULAR.isdisjoint(operations) or not _ROOTS.isdisjoint(operations):
+    if _CIRCULAR.isdisjoint(operations) or not ROOTS.isdisjoint(operations):
         return False
     return not may_switch(model, params, state)
 

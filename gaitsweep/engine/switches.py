@@ -42,6 +42,8 @@ _CURVED = {
     *("sqrt", "rsqrt", "cbrt", "pow", "square"),
 }
 _MULTILINEAR = {"mul", "dot_general"}
+# Operations that are finite at zero, where they have no derivative: in the drag of a body that is at rest.
+ROOTS = {"sqrt", "cbrt", "pow"}
 # Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SMOOTH = {
     *("broadcast_in_dim", "reshape", "squeeze", "slice", "concatenate", "unstack", "stack", "transpose"),
