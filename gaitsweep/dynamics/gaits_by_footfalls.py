@@ -72,14 +72,15 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
 
     Args:
         touchdowns: of each leg, as shares of a stride after any instant.
-        duty: the duty factor of each leg.
+        duty: the duty factor of each leg, from 0 to 1.
         legs: the legs: L and R; LF, RF, LH and RH; or L1, R1, L2, R2, L3 and R3, in any order.
 
     Returns:
         One of `GAITS`; "none" also where a touchdown or duty factor is NaN, as that of a foot that stands.
 
     Raises:
-        ValueError: other legs, or another number of touchdowns or duty factors.
+        ValueError: other legs, another number of touchdowns or duty factors, or a duty factor outside its
+            range.
 
     Example:
         >>> import gaitsweep as gs
@@ -87,7 +88,7 @@ def gait_of_footfalls(touchdowns: Sequence[float], duty: Sequence[float], legs: 
         'lateral sequence walk'
     """
     refuse_legs(legs)
-    _refuse_lengths(touchdowns, duty, legs)
+    _refuse_numbers(touchdowns, duty, legs)
     if not np.isfinite([*touchdowns, *duty]).all():
         return "none"
     index = gait_index(dict(zip(legs, touchdowns, strict=True)), float(np.mean(duty)))
@@ -103,14 +104,15 @@ def support_patterns(
         touchdowns, duty, legs: as of `gait_of_footfalls`; legs may have any names.
 
     Raises:
-        ValueError: there is no leg, another number of touchdowns or duty factors, or one that is not finite.
+        ValueError: there is no leg, another number of touchdowns or duty factors, one that is not finite, or
+            a duty factor outside its range.
 
     Example:
         >>> import gaitsweep as gs
         >>> gs.analyses.support_patterns([0.0, 0.5, 0.5, 0.0], [0.5] * 4, ["LF", "RF", "LH", "RH"])
         {'LF RH': 0.5, 'RF LH': 0.5}
     """
-    _refuse_lengths(touchdowns, duty, legs)
+    _refuse_numbers(touchdowns, duty, legs)
     if not np.isfinite([*touchdowns, *duty]).all():
         numbers = ", ".join(f"{number:g}" for number in (*touchdowns, *duty))
         raise ValueError(f"The touchdowns and duty factors are {numbers}, but must be finite numbers.")
@@ -127,11 +129,14 @@ def support_patterns(
     return shares
 
 
-def _refuse_lengths(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> None:
-    """Refuse touchdowns and duty factors that are not one for each leg, and no leg."""
+def _refuse_numbers(touchdowns: Sequence[float], duty: Sequence[float], legs: Sequence[str]) -> None:
+    """Refuse touchdowns and duty factors that are not one for each leg, no leg, and other duty factors."""
     if not len(touchdowns) == len(duty) == len(legs) > 0:
         counts = f"{len(touchdowns)} touchdowns, {len(duty)} duty factors and {len(legs)} legs"
         raise ValueError(f"There are {counts}: give one touchdown and one duty factor for each leg.")
+    for share in duty:
+        if share < 0.0 or share > 1.0:
+            raise ValueError(f"A duty factor is {share:g}, but must be a share of the stride, from 0 to 1.")
 
 
 def refuse_legs(legs: Sequence[str]) -> None:

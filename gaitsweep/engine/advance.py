@@ -82,7 +82,7 @@ def advance(
         model: the model.
         numerics: step, method and tolerances.
         drive: for a ramp, the parameters at a time (s): a step's flow has those at its middle, its guards and
-            jumps those at its end.
+            jumps those at its end; a step of fixed length, with its events, has those at its middle.
         sensitivities: include the derivative of event times in forward-mode derivatives: each event time is
             corrected to first order, t_e - g/g', by a term of value zero.
         functions: those of a step, by default of the model and the method.

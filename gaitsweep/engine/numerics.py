@@ -20,7 +20,7 @@ from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.methods import METHODS, Precision, fixed_step_scheme
 from gaitsweep.engine.solver.taylor import lacking_recurrence
 from gaitsweep.engine.stored_traces import shapes_of, stored
-from gaitsweep.engine.switches import may_switch, moving_operations
+from gaitsweep.engine.switches import ROOTS, may_switch, moving_operations
 from gaitsweep.errors import ArgumentError
 
 _Factor = TypeVar("_Factor", float, jax.Array)
@@ -96,8 +96,8 @@ class Numerics:
 def taylor_is_faster(model: Model) -> bool:
     """Whether taylor is faster than tsit5 to fine tolerances.
 
-    It is for flows that do not switch and have sines or cosines, which its recurrences compute once a step;
-    all operations need a recurrence.
+    It is for flows that do not switch and have sines or cosines, which its recurrences compute once a step,
+    and no roots of what moves; all operations need a recurrence.
     """
     if not isinstance(model, HybridModel) or model.host_parameters or lacking_recurrence(model):
         return False
@@ -105,10 +105,11 @@ def taylor_is_faster(model: Model) -> bool:
 
 
 def _moves_smoothly_in_circles(model: HybridModel) -> bool:
-    """Whether a flow does not switch and has a moving sine or cosine."""
+    """Whether a flow does not switch, has a moving sine or cosine, and no root of what moves."""
     # the programs of the flow and the guards are traced with shapes, without values
     params, state = shapes_of(model)
-    if _CIRCULAR.isdisjoint(moving_operations(model, params, state)):
+    operations = moving_operations(model, params, state)
+    if _CIRCULAR.isdisjoint(operations) or not ROOTS.isdisjoint(operations):
         return False
     return not may_switch(model, params, state)
 

@@ -2,8 +2,8 @@
 
 A flow may switch at an instant: `jnp.where(clock > 1.0, ...)`. Comparisons, signs and rounded values of
 moving variables are found in its program, and a step across which one of them changes is shortened. The
-differences that decide a comparison, a maximum or a minimum are evaluated inside the step as well, as guards
-are, so that a pulse that begins and ends there is met.
+differences that decide a comparison, a sign, a maximum or a minimum are evaluated inside the step as well, as
+guards are, so that a pulse that begins and ends there is met.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ SATURATION = 8.0
 # Operations whose results are constant between switches of a flow, and those whose arguments decide a switch
 # by the sign of their difference.
 _CAST = "convert_element_type"
-_LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", _CAST}
-_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs"), 0.0), "exp": NEGLIGIBLE}
+_LEVELS = {"lt", "le", "gt", "ge", "sign", "floor", "ceil", "round", "argmax", "argmin", _CAST}
+_SURFACES = {**dict.fromkeys(("lt", "le", "gt", "ge", "max", "min", "abs", "sign"), 0.0), "exp": NEGLIGIBLE}
 _SATURATED = {"tanh", "logistic", "erf"}
-_EXTREMES = {"reduce_max", "reduce_min"}
+_LARGEST = {"reduce_max", "argmax"}
+_EXTREMES = {*_LARGEST, "reduce_min", "argmin"}
 _SWITCHES = {*_LEVELS, *_SURFACES, *_SATURATED, *_EXTREMES, "rem", "clamp"}
 # Operations that are not linear in their arguments; `_MULTILINEAR` ones are in each argument alone.
 _CURVED = {
@@ -41,12 +42,18 @@ _CURVED = {
     *("sqrt", "rsqrt", "cbrt", "pow", "square"),
 }
 _MULTILINEAR = {"mul", "dot_general"}
+# Operations that are finite at zero, where they have no derivative: in the drag of a body that is at rest.
+ROOTS = {"sqrt", "cbrt", "pow"}
 # Operations that are smooth in all their arguments, or in the arguments with these numbers.
 _SMOOTH = {
     *("broadcast_in_dim", "reshape", "squeeze", "slice", "concatenate", "unstack", "stack", "transpose"),
     *("copy", "rev", "add", "sub", "mul", "neg", "square", "sin", "cos", "exp", "reduce_sum", "dot_general"),
 }
 _SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0}}
+# The parameters of an equation that hold an inner program, and functions of JAX that are smooth, although
+# their inner programs have a maximum.
+_INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+_SMOOTH_CALLS = {"logaddexp", "logaddexp2"}
 
 
 class Switching(NamedTuple):
@@ -55,11 +62,68 @@ class Switching(NamedTuple):
     Attributes:
         levels: the truths of comparisons, signs and rounded numbers (n,): constant between switches, and
             different by 1 or more after one.
-        surfaces: the differences (m,) whose signs decide a comparison, a maximum or a minimum.
+        surfaces: the differences (m,) whose signs decide a comparison, a sign, a maximum or a minimum.
     """
 
     levels: Float[Array, " levels"]
     surfaces: Float[Array, " surfaces"]
+
+
+def inner_program(equation: JaxprEqn) -> ClosedJaxpr | None:
+    """The program of a checkpoint, or of a function with derivatives of its own; None of other operations."""
+    if equation.primitive.name == "scan":  # whose program is that of one round
+        return None
+    for key in _INNER:
+        if key in equation.params:
+            inner = equation.params[key]
+            return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
+    return None
+
+
+def _written_out(equation: JaxprEqn) -> ClosedJaxpr | None:
+    """The inner program of an equation whose operations count; None where the equation itself counts."""
+    inner = inner_program(equation)
+    name = None if inner is None else getattr(inner.jaxpr.debug_info, "func_name", None)
+    return None if name in _SMOOTH_CALLS else inner
+
+
+def _program(
+    function: Callable[[Params, State], Any], params: Params, state: State
+) -> tuple[ClosedJaxpr, Any]:
+    """The program of a function, with inner programs written out, and the shapes of its results."""
+    with jax.disable_jit():  # the program of a jitted function is then inlined
+        closed, shapes = jax.make_jaxpr(function, return_shape=True)(params, state)
+        if any(_written_out(equation) for equation in closed.jaxpr.eqns):
+            inputs = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in closed.in_avals]
+            closed = jax.make_jaxpr(partial(_results, closed))(*inputs)
+    return closed, shapes
+
+
+def _results(closed: ClosedJaxpr, *args: Array) -> list[Array]:
+    """The results of a program, by the operations of its inner programs."""
+    program = closed.jaxpr
+    values = dict(zip((*program.constvars, *program.invars), (*closed.consts, *args), strict=True))
+    for equation in program.eqns:
+        inner = _written_out(equation)
+        if inner is None:
+            inputs = list(dict.fromkeys(v for v in equation.invars if not isinstance(v, Literal)))
+            alone = program.replace(constvars=[], invars=inputs, outvars=equation.outvars, eqns=[equation])
+            results = _function(alone, [])(*(values[v] for v in inputs))
+        else:
+            results = _results(inner, *_read(equation.invars, values))
+        values.update(zip(equation.outvars, results, strict=True))
+    return _read(program.outvars, values)
+
+
+def _function(program: Jaxpr, constants: Sequence[Array]) -> Callable[..., list[Array]]:
+    """The function of a program that was made from another one."""
+    names = program.debug_info and program.debug_info._replace(arg_names=None, result_paths=None)
+    return jaxpr_as_fun(ClosedJaxpr(program.replace(debug_info=names), constants))
+
+
+def _read(atoms: Sequence[Any], values: Mapping[Var, Array]) -> list[Array]:
+    """The values of variables and numbers."""
+    return [atom.val if isinstance(atom, Literal) else values[atom] for atom in atoms]
 
 
 def switching(flow: Callable[[Params, State], Rates], params: Params, state: State) -> Switching:
@@ -70,19 +134,17 @@ def switching(flow: Callable[[Params, State], Rates], params: Params, state: Sta
         params: its parameters.
         state: the state.
     """
-    with jax.disable_jit():  # the program of a jitted function is then inlined
-        closed, rates = jax.make_jaxpr(flow, return_shape=True)(params, state)
+    closed, rates = _program(flow, params, state)
     program = closed.jaxpr
     inputs = jax.tree.leaves((params, state))
     equations = [e for e, _ in _moving(program, state, rates) if e.primitive.name in _SWITCHES]
     variables = _variables(equations)
-    debug_info = program.debug_info and program.debug_info._replace(result_paths=None)
-    part = ClosedJaxpr(program.replace(outvars=variables, debug_info=debug_info), closed.consts)
-    values = dict(zip(variables, jaxpr_as_fun(part)(*inputs), strict=True))
+    part = _function(program.replace(outvars=variables), closed.consts)
+    values = dict(zip(variables, part(*inputs), strict=True))
     levels = [jnp.zeros((0,))]
     surfaces = [jnp.zeros((0,))]
     for equation in equations:
-        args = [v.val if isinstance(v, Literal) else values[v] for v in equation.invars]
+        args = _read(equation.invars, values)
         if all(jnp.issubdtype(jnp.result_type(argument), jnp.floating) for argument in args):
             result = values[equation.outvars[0]]
             levels += [jnp.ravel(level) for level in _levels(equation, args, result)]
@@ -127,7 +189,7 @@ def _surfaces(equation: JaxprEqn, args: list[Array]) -> list[Array]:
 
 def _ahead(operation: str, values: Float[Array, " ..."], axes: Sequence[int]) -> Float[Array, " ..."]:
     """The distance of each element beyond all others over some axes; above zero for the extreme one."""
-    flat = jnp.moveaxis(values if operation == "reduce_max" else -values, axes, range(len(axes)))
+    flat = jnp.moveaxis(values if operation in _LARGEST else -values, axes, range(len(axes)))
     flat = flat.reshape(-1, *flat.shape[len(axes) :])
     if len(flat) < 2:
         return jnp.zeros((0,))
@@ -148,9 +210,8 @@ def may_bend(
         state: a state.
         rates: the flow's rates there.
     """
-    with jax.disable_jit():
-        program = jax.make_jaxpr(function)(params, state).jaxpr
-    for equation, places in _moving(program, state, rates):
+    closed, _ = _program(function, params, state)
+    for equation, places in _moving(closed.jaxpr, state, rates):
         name = equation.primitive.name
         if name not in _SMOOTH and not places <= _SMOOTH_IN.get(name, set()):
             return True
@@ -171,12 +232,11 @@ def may_switch(model: HybridModel, params: Params, state: State) -> bool:
     at_state = jax.eval_shape(partial(switching, model.flow), params, state)
     if at_state.levels.size + at_state.surfaces.size:
         return True
-    with jax.disable_jit():
-        program = jax.make_jaxpr(model.guards)(params, state).jaxpr
-    deciding = _with_derivative(program)
+    closed, _ = _program(model.guards, params, state)
+    deciding = _with_derivative(closed.jaxpr)
     return any(
         deciding.intersection(equation.outvars) and not _is_smooth(equation, places)
-        for equation, places in _moving(program, state, rates)
+        for equation, places in _moving(closed.jaxpr, state, rates)
     )
 
 
@@ -194,21 +254,30 @@ def _with_derivative(program: Jaxpr) -> set[Var]:
 def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
     """JAX's names of the operations in the flow that move as it moves the state.
 
+    A power with a whole number as its exponent is `integer_pow`, however it is written.
+
     Args:
         model: the model.
         params: its parameters.
         state: a state, of which only the shape counts.
     """
-    with jax.disable_jit():
-        closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
-    return {equation.primitive.name for equation, _ in _moving(closed.jaxpr, state, rates)}
+    closed, rates = _program(model.flow, params, state)
+    return {_name(equation) for equation, _ in _moving(closed.jaxpr, state, rates)}
+
+
+def _name(equation: JaxprEqn) -> str:
+    """The name of an operation; that of a power with a whole exponent is `integer_pow`."""
+    name = equation.primitive.name
+    exponent = equation.invars[-1]
+    is_whole = name == "pow" and isinstance(exponent, Literal) and float(exponent.val).is_integer()
+    return "integer_pow" if is_whole else name
 
 
 def curving_operation(model: HybridModel, params: Params, state: State) -> str | None:
     """JAX's name of an operation by which the flow is not affine between switches, or None.
 
-    Operations inside of loops, branches and functions with derivatives of their own are not found, nor any in
-    a flow whose state has no names of its fields.
+    Operations inside of loops and branches are not found, nor any in a flow whose state has no names of its
+    fields.
 
     Args:
         model: the model.
@@ -217,8 +286,7 @@ def curving_operation(model: HybridModel, params: Params, state: State) -> str |
     """
     if None in _fields(state):  # modes are not told from what moves
         return None
-    with jax.disable_jit():
-        closed, rates = jax.make_jaxpr(model.flow, return_shape=True)(params, state)
+    closed, rates = _program(model.flow, params, state)
     leaves = zip(jax.tree_util.tree_leaves_with_path(rates), closed.jaxpr.outvars, strict=True)
     # a constant variable has the rate 0.0
     varying = {

@@ -288,7 +288,8 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
             _require_image(state, _traced_result("image", model.image, params, state))
-        after = _traced_result("step", model.step, params, state, _scalar())
+        factor = (_scalar(),) if model.stochastic else ()
+        after = _traced_result("step", model.step, params, state, _scalar(), *factor)
         _require_like("step", state, after)
         result = _traced_result(name, model.events, params, state, after)
     if getattr(result, "ndim", None) != 1:

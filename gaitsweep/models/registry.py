@@ -10,6 +10,7 @@ import importlib.machinery
 import inspect
 import sys
 import weakref
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -137,6 +138,7 @@ _OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the p
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
 _SESSION_PREFIX = "session:"
+_session_names: Counter[str] = Counter()  # how many of these classes had each name
 _MODEL_FILE_ENDINGS = (".yaml", ".yml")
 # the field of a manifest with the folder from which a user's model was imported, from the result directory
 MODEL_FOLDER = "model_folder"
@@ -170,7 +172,16 @@ def name_of(model_class: type[Model]) -> str:
                 return own
         except ModelError:
             pass
+    known = next((name for name, known in _SESSION_CLASSES.items() if known is model_class), None)
+    return known or _new_session_name(model_class)
+
+
+def _new_session_name(model_class: type[Model]) -> str:
+    """Register a class of this session; tables of earlier classes of its name keep theirs."""
     name = f"{_SESSION_PREFIX}{model_class.__name__}"
+    _session_names[name] += 1
+    if (number := _session_names[name]) > 1:
+        name = f"{name} ({number})"
     _SESSION_CLASSES[name] = model_class
     return name
 
@@ -205,6 +216,8 @@ def _find(name: str, folders: Sequence[Path]) -> type[Model]:
     """`find` without the memory of earlier calls."""
     if name in _SESSION_CLASSES:
         return _as_model(name, _SESSION_CLASSES[name])
+    if not importable(name):
+        raise ModelError(f"is {name}, a class that this Python process does not have or no longer has.")
     if name.endswith(_MODEL_FILE_ENDINGS):
         return _of_model_file(name, [*folders, Path.cwd()])
     paths = model_paths()

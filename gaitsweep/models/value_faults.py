@@ -120,7 +120,7 @@ class _AtStarts:
     @property
     def own_state(self) -> _Values:
         """The state less what arms its events, which is NaN where a guard is."""
-        return {name: value for name, value in self.state.items() if not name.startswith(ARMING)}
+        return {name: value for name, value in self.state.items() if not name.startswith(f"{ARMING}.")}
 
 
 def _by_path(tree: Any) -> dict[str, Any]:
@@ -146,7 +146,8 @@ def _at_starts_of(model: Model) -> Callable[[Any, Any], _AtStarts]:
             quiet = jnp.zeros(guards.shape, bool)
         else:
             assert isinstance(model, FixedStepDynamics)
-            after = model.step(params, state, jnp.asarray(1e-6))
+            factor = (jnp.ones(()),) if model.stochastic else ()
+            after = model.step(params, state, jnp.asarray(1e-6), *factor)
             stepped = _by_path(after)
             quiet = jnp.zeros(model.events(params, state, after).shape, bool)
         return {
@@ -269,7 +270,7 @@ def _faults_of_begun(model: Model, at_starts: _AtStarts, where: Where) -> Iterat
     for name, values in numbers.items():
         yield from _non_finite_faults(name, values, where)
     yield from _clock_faults(model, at_starts, where)
-    for field, old in at_starts.state.items():
+    for field, old in at_starts.own_state.items():  # which events are armed, no model decides
         new = at_starts.still[field]
         row = _first_row((np.asarray(old) != new) & ~(np.isnan(old) & np.isnan(new)))
         if row is not None:

@@ -146,6 +146,16 @@ def test_refusals_of_jobs_and_run_kinds() -> None:
         gs.sweep(1)  # pyright: ignore[reportArgumentType]
 
 
+def test_tables_of_two_classes_of_one_name_have_a_model_each() -> None:
+    """As of a cell that is run again, or of a function that makes classes."""
+    classes = [type("OfCell", (toy_model.Toy,), {"__module__": "__main__"}) for _ in range(2)]
+    names = [gs.models.name_of(model_class) for model_class in classes]
+    assert [gs.models.find(name) for name in names] == classes
+    assert gs.models.name_of(classes[0]) == names[0]
+    with pytest.raises(gs.models.ModelError, match="a class that this Python process does not have"):
+        gs.models.find("session:Nowhere")
+
+
 @pytest.mark.slow
 def test_a_class_of_this_session(tmp_path: Path) -> None:
     """It runs as its module's class does; no file can name it, so it has no job and no directory."""

@@ -718,6 +718,14 @@ def test_planes_with_different_friction_under_one_geom_are_refused() -> None:
         LocatedBody(mujoco.MjModel.from_xml_string(bodies.format("2")))
 
 
+def test_elements_that_would_share_a_parameter_are_refused() -> None:
+    """Else the mass of one foot would be that of the other, too."""
+    foot = '<body name="{}" pos="0 {} 1"><freejoint/><geom size=".1" mass="{}" conaffinity="0"/></body>'
+    bodies = "".join(foot.format(*numbers) for numbers in (("foot.1", 0, 1), ("foot-1", 1, 3)))
+    with pytest.raises(ValueError, match="have the parameter foot_1_mass"):
+        LocatedBody(mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"))
+
+
 def ball_on_floor(stop: str) -> mujoco.MjModel:
     """A ball of 1 kg on a plane, both with these solref and solimp."""
     return mujoco.MjModel.from_xml_string(

@@ -150,6 +150,35 @@ def test_inverse_kinematics_put_the_foot_on_its_path(side: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("thigh", "shin", "hip_range", "knee_range"),
+    [
+        (-0.2, 0.2, (-1.5, 1.5), (-2.9, -0.2)),
+        (-0.2, 0.2, (-1.5, 1.5), (0.2, 2.9)),
+        (0.2, 0.2, (1.6, 4.7), (-2.9, -0.2)),
+        (0.2, -0.2, (1.6, 4.7), (3.2, 6.1)),
+    ],
+)
+def test_angles_of_legs_are_in_their_ranges_wherever_zero_is(
+    thigh: float, shin: float, hip_range: tuple[float, float], knee_range: tuple[float, float]
+) -> None:
+    """The leg is folded, or points up, at zero angles."""
+    m = mujoco.MjModel.from_xml_string(
+        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody><body>'
+        f'<joint name="hip" axis="0 1 0" range="{hip_range[0]} {hip_range[1]}"/><geom size=".02"/>'
+        f'<body pos="0 0 {thigh}"><joint name="knee" axis="0 1 0" range="{knee_range[0]} {knee_range[1]}"/>'
+        f'<geom name="foot" size=".02" pos="0 0 {shin}"/></body></body></worldbody></mujoco>'
+    )
+    data = mujoco.MjData(m)
+    leg = two_link_leg(m, "hip", "knee", "foot")
+    for x, z in ((0.05, -0.3), (-0.12, -0.3), (0.0, -0.2)):
+        data.qpos[:] = leg.angles(jnp.asarray(x), jnp.asarray(z))
+        mujoco.mj_kinematics(m, data)
+        np.testing.assert_allclose(data.geom("foot").xpos[[0, 2]], [x, z], rtol=0, atol=1e-9)
+        assert hip_range[0] < data.qpos[0] < hip_range[1]
+        assert knee_range[0] < data.qpos[1] < knee_range[1]
+
+
+@pytest.mark.parametrize(
     ("pairs", "stance"),
     [
         ([], "0101"),

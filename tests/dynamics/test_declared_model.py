@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 import re
+import types
 import warnings
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from gaitsweep.examples.compass_walker import CompassWalker
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.models.conformity import fault, variables_without_rate
-from gaitsweep.models.value_faults import faults, surface_value
+from gaitsweep.models.value_faults import _AtStarts, faults, surface_value
 from gaitsweep.skeleton import LimbLook
 from gaitsweep.status import Status
 from smooth_oscillators import VanDerPol
@@ -488,6 +489,31 @@ def test_an_event_that_its_jump_does_not_end_happens_without_end() -> None:
 
     (told,) = faults(Held)
     assert "event 'too high' is not ended by its jump" in told
+
+
+@pytest.mark.slow
+def test_a_start_in_the_middle_between_two_instants_is_no_fault() -> None:
+    """Their phase is there zero but for rounding, so that each jump arms the event by what it sees anew."""
+
+    class Ticking(DeclaredModel):
+        length = parameter("s", "time between two instants", 1.0)
+        x = variable("1", "place", 0.0)
+        t = gs.time()
+        tick = gs.instants("tick", every=lambda p: p.length, after=-0.5, section=True)
+
+        def flow(self, p, s):
+            return {"x": -s.x, "t": 1.0}
+
+        def period(self, p):
+            return p.length
+
+    assert faults(Ticking) == []
+
+
+def test_a_variable_with_a_name_like_that_of_the_arming_is_checked() -> None:
+    at_starts: Any = types.SimpleNamespace(state={"arming.level": np.nan, "arming_angle": np.nan})
+    own_state: Any = _AtStarts.own_state
+    assert list(own_state.fget(at_starts)) == ["arming_angle"]
 
 
 def test_a_sentence_of_a_model_that_cannot_be_made_ends_once() -> None:

@@ -265,6 +265,9 @@ def test_footfalls_that_have_no_names_are_refused() -> None:
     for legs, duty in ((("L", "R"), [0.6]), ((), [])):
         with pytest.raises(ValueError, match="give one touchdown and one duty factor for each leg"):
             support_patterns([0.0] * len(legs), duty, legs)
+    for function in (gait_of_footfalls, support_patterns):
+        with pytest.raises(ValueError, match="A duty factor is 60, but must be a share"):
+            function([0.0, 0.5], [0.6, 60.0], LEGS[2])
     with pytest.raises(TypeError, match="footfalls of the clock tme, no variable; did you mean time"):
         type("Mine", (Stepper,), {"feet": footfalls("tme", legs=LEGS[4])(lambda self, p, s: s.down)})
     with pytest.raises(TypeError, match="gaits of its own without label: leave gaits out"):

@@ -122,6 +122,7 @@ def test_conserved_quantities_and_symmetries_are_known() -> None:
     assert shifted_mapping.linearised(points, {}).conserved_values.tolist() == [[25.0]]
     # a point of the orbit of the mirrored point: its image
     np.testing.assert_allclose(mapping.mapping.mirrored(points, {})["opposite"].at, -mapping([[3.0, 4.0]]))
+    np.testing.assert_allclose(shifted_mapping.mirrored(points, {})["opposite"].at, -mapping([[3.0, 4.0]]))
 
 
 @pytest.mark.slow

@@ -23,12 +23,31 @@ class Switching(CompassWalker):
         return {**rates, "swing_rate": jnp.where(s.swing > s.stance, 1.0, 0.9) * rates["swing_rate"]}
 
 
+class Dragged(CompassWalker):
+    """A walker whose drag by the air has no Taylor series where it is at rest."""
+
+    def flow(self, p, s):
+        rates = super().flow(p, s)
+        speed = jnp.sqrt(s.swing_rate**2.0 + s.stance_rate**2.0)
+        return {**rates, "swing_rate": rates["swing_rate"] - speed * s.swing_rate}
+
+
+class Squared(CompassWalker):
+    """A walker with a whole power."""
+
+    def flow(self, p, s):
+        rates = super().flow(p, s)
+        return {**rates, "swing_rate": rates["swing_rate"] - s.swing_rate**3.0}
+
+
 @pytest.mark.parametrize(
     ("model", "method"),
     [
         (CompassWalker(), "taylor"),
         (RingHopper(), "taylor"),
         (Switching(), "tsit5"),  # taylor gains nothing where a flow switches
+        (Dragged(), "tsit5"),
+        (Squared(), "taylor"),
         (Hopper(), "tsit5"),  # flows of arithmetic alone, which tsit5 evaluates fast
         (SlipRunner(), "tsit5"),
         (Lorenz(), "tsit5"),

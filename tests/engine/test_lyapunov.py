@@ -5,8 +5,10 @@ The statuses chaotic and quasi_periodic, beside motions whose kind is known.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -14,6 +16,7 @@ import pytest
 from jaxtyping import Float
 
 import gaitsweep as gs
+from gaitsweep.engine.recorders.exponents import Exponents
 from gaitsweep.examples.bouncing_ball import BouncingBall
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
@@ -256,6 +259,17 @@ def test_circles_of_a_map_that_keeps_areas_are_not_chaotic() -> None:
     assert "chaotic" not in set(table["status"])
     assert (table["status"] == "quasi_periodic").mean() > 0.5
     np.testing.assert_allclose(table["lyapunov_1"] + table["lyapunov_2"], 0.0, atol=1e-9)
+
+
+def test_the_exponents_of_a_fixed_point_are_those_of_its_last_crossings() -> None:
+    """The crossings before the row stood still do not count, however long the window of its orbits is."""
+    way = jnp.linspace(-jnp.inf, -0.1, 22)[:, None]
+    logs = jnp.concatenate([jnp.full((10, 1), -0.7), way])
+    exponents = dataclasses.replace(Exponents.begun(1, jnp.zeros(1), 32), logs=logs)
+    ago = jnp.minimum(jnp.arange(1.0, 33.0), 12.0)
+    numbers = jax.jit(lambda: exponents.numbers(jnp.asarray(1), ago))()
+    assert float(numbers["lyapunov_1"]) == pytest.approx(-0.7)
+    assert float(numbers["lyapunov_1_error"]) == pytest.approx(0.0, abs=1e-15)
 
 
 def test_rows_that_fail_have_no_exponents() -> None:

@@ -388,6 +388,19 @@ def test_a_map_refuses_other_numbers_of_values_and_of_applications() -> None:
             mapping.iterated(count)
 
 
+@pytest.mark.parametrize(("infinite", "status"), [("launch", "late"), ("height", "lost")])
+def test_a_variable_that_is_infinite_ends_a_return_and_a_mode_does_not(infinite: str, status: str) -> None:
+    """As it is with the rows of a run."""
+    model = Toy()
+    returns = PoincareReturn(model, Numerics(dt=1e-3, method="rk4").resolve(model), derivatives=False)
+    params = scalars(model)
+    state = dataclasses.replace(
+        model.init(params, {"launch_1": jnp.ones(())}), **{infinite: jnp.full(1, jnp.inf)}
+    )
+    number = jax.jit(lambda state: returns.status(params, returns.begin(params, state)))(state)
+    assert ReturnStatus(int(number)).name == status
+
+
 def test_a_state_with_a_default_has_a_map() -> None:
     @jax.tree_util.register_dataclass
     @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import types
 from typing import Any
 
 import jax
@@ -83,6 +85,20 @@ def test_steps_converge_with_order_five() -> None:
         errors.append(np.hypot(float(at.x) - reference[0], float(at.v) - reference[1]))
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((orders > 4.7) & (orders < 5.4)), (errors, orders)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Velocity:
+    u: jax.Array
+
+
+def test_a_body_starts_from_rest_although_its_speed_has_no_derivative_there() -> None:
+    """Its drag is the square of the speed: u = tanh(t)."""
+    model: Any = types.SimpleNamespace(flow=lambda _, state: {"u": 1.0 - jnp.sqrt(state.u**2) * state.u})
+    end, _ = jax.jit(rodas5p(model))(None, Velocity(jnp.zeros(())), jnp.asarray(0.01))
+    # an error of order 6 in the step
+    assert float(end.u) == pytest.approx(np.tanh(0.01), abs=1e-12)
 
 
 def test_the_linear_solver_exchanges_rows() -> None:

@@ -439,4 +439,4 @@ def test_a_return_without_a_crossing_has_the_status_of_its_one_cause(end: Any, s
     trajectory = returns.begin(params, state)
     trajectory = dataclasses.replace(trajectory, carry=dataclasses.replace(trajectory.carry, **end))
     assert returns.ended(trajectory)
-    assert ReturnStatus(int(returns.status(trajectory))).name == status
+    assert ReturnStatus(int(returns.status(params, trajectory))).name == status

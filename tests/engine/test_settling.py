@@ -430,6 +430,10 @@ def test_the_first_crossing_does_not_depend_on_where_an_orbit_is_read() -> None:
             read[:, :, 0] %= 2.0 * np.pi
             firsts.append((first_crossing([angle, number], read) - turn) % p)
         np.testing.assert_array_equal(firsts, np.tile(firsts[0], (p, 1)))
+    # an observable that the section keeps at 0, such as the vertical speed at the apex, has rounding alone
+    speed = Quantity("c", "m/s", "speed")
+    orbits = np.stack([1e-12 * random.normal(size=(50, 2)), np.tile([0.3, 1.0], (50, 1))], axis=2)
+    np.testing.assert_array_equal(first_crossing([speed, number], orbits), 0)
 
 
 def test_longer_orbits_settle_with_max_period() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import types
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, observable, parameter, variable
 from gaitsweep.engine.solver.taylor import along, bends_back, first_zero, solution
+from gaitsweep.engine.switches import curving_operation, switching
 from gaitsweep.examples.compass_walker import CompassWalker
 
 ORDER = 6
@@ -35,6 +37,9 @@ FUNCTIONS = {
     "remainder": lambda x, y: jnp.mod(7.0 * x + 5.0, 6.0) * y + jnp.mod(y - 8.0, 3.0) * x,
     # x is 0.4 at the start: a whole power at zero
     "powers at zero": lambda x, y: (x - 0.4) ** 2.0 + (x - 0.4) ** 3.0 * y + jax.lax.integer_pow(x - 0.4, 0),
+    "powers of nothing": lambda x, y: (
+        y + jnp.maximum(x - 9.0, 0.0) ** 1.5 + jnp.sqrt(jnp.minimum(y + 9.0, 0.0))
+    ),
     "exponential": lambda x, y: jnp.exp(x) + jnp.expm1(y),
     "logarithm": lambda x, y: jnp.log(2.0 + x) + jnp.log1p(y),
     "circular": lambda x, y: jnp.sin(x) * jnp.cos(y) + jnp.arctan(x - y),
@@ -294,6 +299,37 @@ class Fastest(DeclaredModel):
 
     def period(self, p):
         return 2.0 * jnp.pi * jnp.ones(())
+
+
+@jax.custom_jvp
+def positive_part(x: jax.Array) -> jax.Array:
+    return jnp.where(x > 0.0, x, 0.0)
+
+
+positive_part.defjvps(lambda rate, _, x: jnp.where(x > 0.0, rate, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("rate", "switches"),
+    [
+        (jnp.sign, True),
+        (jax.nn.relu, True),
+        (positive_part, True),
+        (jax.checkpoint(jnp.abs), True),
+        (lambda x: jnp.array([1.0, 3.0])[jnp.argmax(jnp.stack([x, -x]))], True),
+        (lambda x: jax.nn.relu(jnp.array([1.0, 3.0])[jnp.argmin(jnp.stack([x, -x]))]), True),
+        (jax.nn.softplus, False),
+        (lambda x: jax.nn.softplus(x) + jax.checkpoint(jnp.sin)(x), False),
+    ],
+)
+def test_switches_at_zero_are_found(rate, switches: bool) -> None:
+    """A step is shortened at the switches that are found; each of these is at x = 0."""
+    flow = lambda _, s: {"x": rate(s.x), "y": 0.0}  # noqa: E731
+    before, after = (switching(flow, None, Point(jnp.asarray(x), jnp.asarray(1.0))) for x in (-0.1, 0.1))
+    assert np.any(before.surfaces * after.surfaces < 0.0) == switches
+    model = types.SimpleNamespace(flow=lambda _, s: {"x": s.y * rate(s.x), "y": 0.0})
+    curving = curving_operation(model, None, Point(jnp.asarray(0.1), jnp.asarray(1.0)))  # type: ignore[arg-type]
+    assert curving != "mul"  # y is constant
 
 
 @pytest.mark.parametrize(("method", "error"), [("tsit5", 1e-7), ("taylor", 1e-9)])

@@ -562,6 +562,15 @@ def test_tables_whose_rows_cannot_be_pushed_are_refused(
         Job(name="x", **{"model": "gaitsweep.examples.hopper:Hopper", **job_fields}, run=run)
 
 
+def test_a_gait_without_observed_values_is_at_no_distance_from_itself() -> None:
+    """As that of a body that stands, whose lags and strides have no value."""
+    model: Any = types.SimpleNamespace(observables=(gs.Quantity("lag", "rad", "lag", circular=True),))
+    recorder = PerturbRecorder(model, SettleRecorder(model), within=0.05)
+    gait = jnp.full((3, 1), jnp.nan)
+    distances = recorder._distances(gait[0], gait, jnp.asarray(2))
+    np.testing.assert_array_equal(distances, [0.0, 0.0, np.inf])
+
+
 def test_the_ground_of_pushed_rows_is_that_of_their_model() -> None:
     class Hilly(Wheel):
         def own_ground(self, x: Any, y: Any) -> Any:

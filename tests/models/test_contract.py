@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from matplotlib.mathtext import MathTextParser
 
+from double_well import DoubleWell
 from firing_neuron import Neuron
 from gaitsweep import models
 from gaitsweep.contract import (
@@ -201,6 +202,19 @@ def test_only_jumps_that_commute_are_independent() -> None:
     wrong = faults(_NotIndependent)
     assert wrong
     assert all("in two jumps and in one" in each for each in wrong)
+
+
+class _Scattered(DoubleWell):
+    """Steps with the fourth argument of a model whose steps draw random numbers."""
+
+    stochastic: ClassVar[bool] = True
+
+    def step(self, params, state, dt, factor):  # type: ignore[override]
+        return super().step(params, state, dt * factor)
+
+
+def test_a_stochastic_step_has_the_factor_on_its_length() -> None:
+    assert faults(_Scattered) == []
 
 
 def test_class_variables_are_no_structure() -> None:

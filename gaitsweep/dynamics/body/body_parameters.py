@@ -84,20 +84,33 @@ class BodyParameters:
     limits: Mapping[int, Softness]
 
     def quantities(self, gravity: float) -> tuple[Quantity, ...]:
-        """The parameters of bodies, joints, contacts and actuators; `gravity` (m/s2) is that of the MJCF."""
+        """The parameters of bodies, joints, contacts and actuators; `gravity` (m/s2) is that of the MJCF.
+
+        Raises:
+            ValueError: two elements would share a parameter.
+        """
         m = self.elements.m
+        # a geom that may touch several surfaces has its parameters once
+        touches = {touch.geom: touch for touch in self.touches}.values()
         several = itertools.chain(
             *map(self._of_body, range(1, m.nbody)),
             *map(self._of_joint, hinges_and_slides(m)),
-            *map(self._of_touch, self.touches),
+            *map(self._of_touch, touches),
             *map(self._of_actuator, range(m.nu)),
         )
         of_all = (
             _quantity("gravity", "m/s2", "acceleration of gravity", gravity, 0.0),
             _quantity("slope", "rad", "slope of the ground, downhill along x", 0.0),
         )
-        # a geom that may touch several surfaces has its parameters once
-        return tuple({quantity.name: quantity for quantity in (*several, *of_all)}.values())
+        quantities = (*several, *of_all)
+        names = [quantity.name for quantity in quantities]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(
+                    f"Two elements of the MJCF have the parameter {name}, in which other characters than "
+                    "letters and digits are underscores: rename one of them."
+                )
+        return quantities
 
     def _of_body(self, body: int) -> Iterator[Quantity]:
         """The mass, the inertia, the size and the places of a body."""

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from gaitsweep.dynamics.declarations import parameter, wrapped_about_zero
+from gaitsweep.dynamics.declarations import TWO_PI, parameter
 from gaitsweep.dynamics.mjcf import hinges_and_slides, is_position_servo, keyframe_number
 from gaitsweep.near_miss import suggestion
 from gaitsweep.schema.numbers import NotNegative, Positive, Real
@@ -113,7 +113,8 @@ class TwoLinkLeg:
 
     `thigh` and `shin` are the vectors from hip to knee and from knee to foot, `hip_at` and `knee_at` the
     places of the joints in their bodies; `turns` (2,) are 1 or -1, the signs of the axes of hip and knee;
-    `bend` is 1 or -1, the sign of the knee's bend that inverse kinematics chooses.
+    `middles` (2,) rad are the angles from which those of hip and knee differ by half a turn at most; `bend`
+    is 1 or -1, the sign of the knee's bend that inverse kinematics chooses.
     """
 
     hip: str
@@ -123,6 +124,7 @@ class TwoLinkLeg:
     hip_at: Float[np.ndarray, " 2"]
     knee_at: Float[np.ndarray, " 2"]
     turns: Float[np.ndarray, " 2"]
+    middles: Float[np.ndarray, " 2"]
     bend: float
 
     def of_params(self, model: Any, params: Any) -> tuple[Any, Any]:
@@ -147,8 +149,13 @@ class TwoLinkLeg:
         turn = self.bend * jnp.arccos(jnp.clip(cosine, -_STRAIGHT, _STRAIGHT))  # from thigh to shin
         angle_a = jnp.arctan2(a[1], a[0])
         reach = jnp.arctan2(long_b * jnp.sin(turn), long_a + long_b * jnp.cos(turn))
-        hip = wrapped_about_zero(angle_a + reach - jnp.arctan2(z, x))
-        return self.turns[0] * hip, self.turns[1] * (between - turn)
+        hip = angle_a + reach - jnp.arctan2(z, x)
+        knee = between - turn
+        return self._near_middle(0, self.turns[0] * hip), self._near_middle(1, self.turns[1] * knee)
+
+    def _near_middle(self, joint: int, angle: Float[Array, ""]) -> Float[Array, ""]:
+        """The angle of hip (0) or knee (1) less whole turns, next to the middle of the joint's range."""
+        return angle - TWO_PI * jnp.round((angle - self.middles[joint]) / TWO_PI)
 
 
 class FootPaths(Targets):
@@ -211,24 +218,27 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
     places = m.joint(hip).pos, m.joint(knee).pos, m.body_pos[shin_body], m.geom(foot).pos
     hip_at, knee_at, shin_at, foot_at = (place[[0, 2]] for place in places)
     thigh = shin_at + knee_at - hip_at
-    leg = TwoLinkLeg(hip, knee, thigh, foot_at - knee_at, hip_at, knee_at, np.array(turns), 1.0)
-    return dataclasses.replace(leg, bend=_bend(m, leg))
+    middles = np.array([_middle(m, joint) for joint in (hip, knee)])
+    leg = TwoLinkLeg(hip, knee, thigh, foot_at - knee_at, hip_at, knee_at, np.array(turns), middles, 1.0)
+    return dataclasses.replace(leg, bend=_bend(leg))
 
 
-def _bend(m: Any, leg: TwoLinkLeg) -> float:
-    """The bend whose knee is nearer to the middle of its range, or to its place in the first keyframe."""
-    knee = m.joint(leg.knee)
-    middle = 0.0
-    if m.jnt_limited[knee.id]:
-        middle = 0.5 * sum(knee.range)
-    elif m.nkey:
-        middle = m.key_qpos[0][int(knee.qposadr[0])]
+def _middle(m: Any, name: str) -> float:
+    """The middle (rad) of a hinge's range; without limits its place in the first keyframe, or 0."""
+    joint = m.joint(name)
+    if m.jnt_limited[joint.id]:
+        return 0.5 * float(sum(joint.range))
+    return float(m.key_qpos[0][int(joint.qposadr[0])]) if m.nkey else 0.0
+
+
+def _bend(leg: TwoLinkLeg) -> float:
+    """The bend whose knee is nearer to its middle."""
     length = _BENT * (math.hypot(*leg.thigh) + math.hypot(*leg.shin))
     knees = {
         bend: float(dataclasses.replace(leg, bend=bend).angles(jnp.zeros(()), jnp.asarray(-length))[1])
         for bend in (1.0, -1.0)
     }
-    return min(knees, key=lambda bend: abs(knees[bend] - middle))
+    return min(knees, key=lambda bend: abs(knees[bend] - leg.middles[1]))
 
 
 def actuator_of(m: Any, joint: str) -> int:

@@ -151,7 +151,7 @@ class KernelReturns:
         ends = self._ends_of(self._plain, vector((constants, carry)), self._values)
         leaves, structure = jax.tree.flatten(self._shape)
         ended: ReturnState = jax.tree.unflatten(structure, split_like(ends, leaves))
-        return ended.carry.t, ended.carry.state, self.crossing.status(ended)
+        return ended.carry.t, ended.carry.state, self.crossing.status(params, ended)
 
     def _slope(self, primals: Any, tangents: Any) -> Any:
         """The return and its derivative along the tangents of parameters and state."""
@@ -326,7 +326,7 @@ class ReturnsWithoutXla:
         def end(slots: Float[Array, " slots"]) -> Any:
             leaves, structure = jax.tree.flatten(opened())
             params, carry, ends = jax.tree.unflatten(structure, split_like(slots, leaves))
-            status = self._crossing.status(ReturnState(carry, (), ends.limit))
+            status = self._crossing.status(params, ReturnState(carry, (), ends.limit))
             return self._finish(params, (carry.t, carry.state, status))
 
         run, n_slots = cpu_program.compiled(

@@ -200,7 +200,9 @@ def _mirrors(mapping: ModelMap) -> Callable[..., Any]:
     """The function `(values, at, modes) -> {symmetry: (at, state)}` of many points."""
     model = mapping.model
     first = {name: column[0] for name, column in mapping.complete({}, 1).items()}
-    defaults = {q.name: jnp.asarray(q.default or 0.0, float) for q in model.initial_conditions}
+    # `group_of` replaces the variables of the state, so a start by a formula need not be evaluated
+    numbers = {quantity.name: quantity.default for quantity in model.initial_conditions}
+    defaults = {k: jnp.asarray(x if isinstance(x, int | float) else 0.0, float) for k, x in numbers.items()}
     params = mapping.params(first)
     state = model.init(params, defaults)
     symmetries = group_of(

@@ -25,9 +25,8 @@ from gaitsweep.engine.advance import advance
 from gaitsweep.engine.carry import Carry, Halt, is_stalled, select, start
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.devices import default_platform
-from gaitsweep.engine.leaves import float_leaves
 from gaitsweep.engine.numerics import ResolvedNumerics, step_of
-from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP
+from gaitsweep.engine.recorders.recorder import ATTEMPTS_PER_STEP, variables_of
 from gaitsweep.engine.solver.methods import derivative_refusal, euler_update
 from gaitsweep.engine.trial_step import StepFunctions
 from gaitsweep.errors import ArgumentError
@@ -214,10 +213,15 @@ class PoincareReturn:
     def _is_over_limit(self, trajectory: ReturnState) -> Bool[Array, ""]:
         return trajectory.carry.attempts > trajectory.limit
 
-    def status(self, trajectory: ReturnState) -> Int[Array, ""]:
-        """The `ReturnStatus` of a return that has ended."""
+    def status(self, params: Params, trajectory: ReturnState) -> Int[Array, ""]:
+        """The `ReturnStatus` of a return that has ended.
+
+        Args:
+            params: the parameters of the model.
+            trajectory: the trajectory.
+        """
         carry = trajectory.carry
-        numbers = [carry.t, carry.unit, *float_leaves(carry.state)]
+        numbers = [carry.t, carry.unit, *variables_of(self.model, params, carry.state)]
         sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
         status = jnp.where(self._is_over_limit(trajectory), ReturnStatus.step_limit, ReturnStatus.late)
         status = jnp.where(carry.halt == Halt.FELL, ReturnStatus.fell, status)
@@ -255,7 +259,7 @@ def crossing(model: Model, numerics: ResolvedNumerics, engine: ReturnEngine = "a
             lambda trajectory: functions.attempt(params, trajectory),
             functions.begin(params, state),
         )
-        return end.carry.t, end.carry.state, functions.status(end)
+        return end.carry.t, end.carry.state, functions.status(params, end)
 
     if functions.refusal is not None:
         return_map = f"The return map of {model.name} by {numerics.method}"

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from gaitsweep.contract import FixedStepDynamics, Model, Params, Quantity
 from gaitsweep.engine.carry import Carry, Integer, Number, Observed, select
+from gaitsweep.engine.recorders.bounds import SETTLE_WINDOW
 from gaitsweep.engine.tangents import Tangent, from_section, on_section, orthonormalised
 from gaitsweep.row_outcome import RowNumber
 from gaitsweep.status import Status
@@ -200,18 +201,19 @@ class Exponents:
         Args:
             period: the crossings of the orbit on which the row has settled, 0 if it has not. On an orbit of
                 several crossings, exponents are the means over as many of its last turns as the window has;
-                at a fixed point those over the window, if their error is less than that of the spans.
+                at a fixed point those over the last `SETTLE_WINDOW` crossings, if their error is less than
+                that of the spans.
             ago: (w,) the times (s) since the crossings before this one, the latest first.
         """
         rates, errors = self.rates()
         place = jnp.arange(len(ago))
-        turn = jnp.maximum(period, 1)
-        crossings_of_turns = len(ago) // turn * turn
+        still = SETTLE_WINDOW  # those before them may be crossings of the way to the fixed point
+        crossings_of_turns = jnp.where(period > 1, len(ago) // jnp.maximum(period, 1) * period, still)
         duration = jnp.sum(jnp.where(place == crossings_of_turns - 1, ago, 0.0))
         logs_of_turns = jnp.where((place < crossings_of_turns)[:, None], self.logs, 0.0)
         window_rates = jnp.sum(logs_of_turns, axis=0) / duration
-        deviation = self.logs * (len(ago) / ago[-1]) - window_rates[None, :]
-        window_errors = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (len(ago) * (len(ago) - 1)))
+        deviation = self.logs[:still] * (still / ago[still - 1]) - window_rates[None, :]
+        window_errors = jnp.sqrt(jnp.sum(deviation**2, axis=0) / (still * (still - 1)))
         fixed = (period == 1) & ~(window_errors[0] > errors[0])
         rates = jnp.where((period > 1) | fixed, window_rates, rates)
         errors = jnp.where(period > 1, jnp.nan, jnp.where(fixed, window_errors, errors))

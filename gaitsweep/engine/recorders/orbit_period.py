@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int, Num
 
 from gaitsweep.contract import Quantity
 from gaitsweep.engine.carry import Integer
-from gaitsweep.engine.recorders.bounds import Crossings, per_observable
+from gaitsweep.engine.recorders.bounds import MIN_SCALE, Crossings, per_observable
 from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import RECURRENT
 
@@ -21,7 +21,7 @@ ORBIT_SEPARATION = 10.0
 # errors.
 NO_MOTION = 1.0e-3
 # Largest difference of values that count as equal in the order of crossings, as a share of the largest
-# extent of the orbit; an observable is relative to its scale, or to its magnitude.
+# extent of the orbit; an observable is relative to its scale, or to its magnitude, at least `MIN_SCALE`.
 SAME_VALUE = 0.01
 
 
@@ -169,8 +169,9 @@ def first_crossing(
         if quantity.circular:
             columns += [np.cos(values), np.sin(values)]
             continue
-        size = quantity.scale or np.abs(values).max(axis=1, keepdims=True)
-        columns.append(values / np.where(size > 0.0, size, 1.0))
+        # of an observable that the section keeps at 0, rounding would else be as large as another one
+        size = quantity.scale or np.maximum(np.abs(values).max(axis=1, keepdims=True), MIN_SCALE)
+        columns.append(values / size)
     equal = SAME_VALUE * np.max([np.ptp(column, axis=1) for column in columns], axis=0)
     n, p = orbits.shape[:2]
     place = np.zeros((n, p), np.int64)

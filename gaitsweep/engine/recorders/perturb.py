@@ -172,7 +172,8 @@ class PerturbRecorder(Recorder):
         model: the model with the push.
         settle: decides when a row has settled; its limits hold before and after the push.
         within: the largest distance of a crossing from one of the gait that counts as back: the largest
-            difference of an observable, as a share of its scale, or of its magnitude without one.
+            difference of an observable, in rad or as a share of its scale, without one of `MIN_SIZE` and its
+            magnitude.
     """
 
     model: PushedModel  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -346,7 +347,7 @@ class PerturbRecorder(Recorder):
             crossed: whether the row is at a crossing of the section.
             latest: the observables at the latest crossing.
         """
-        distances = self._distances(latest, memory.gait)
+        distances = self._distances(latest, memory.gait, memory.period)
         nearest = jnp.argmin(distances)
         distance = jnp.min(distances)
         counts = crossed & memory.is_in(Stage.ACTS, Stage.RETURNS)
@@ -401,13 +402,15 @@ class PerturbRecorder(Recorder):
             rest=begun.rest + since.astype(begun.rest.dtype),
         )
 
-    def _distances(self, now: Observed, gait: Float[Array, "period observables"]) -> Float[Array, " period"]:
-        """The distance (p,) of observables from each crossing of a gait, infinite where it has none."""
+    def _distances(
+        self, now: Observed, gait: Float[Array, "crossings observables"], period: Integer
+    ) -> Float[Array, " crossings"]:
+        """The distance (p,) of observables from each crossing of a gait, infinite beyond its `period`."""
         model = self.model
         declared = [1.0 if q.circular else q.scale for q in model.observables]
         scales = jnp.asarray([np.nan if scale is None else scale for scale in declared], now.dtype)
         size = jnp.where(jnp.isnan(scales), MIN_SIZE + jnp.abs(comparable(gait)), scales[None, :])
-        missing = jnp.all(jnp.isnan(gait), axis=1)  # places beyond the period of the gait
+        missing = jnp.arange(len(gait)) >= period
         moved = jnp.abs(change(model, comparable(now)[None, :] - comparable(gait)))
         return jnp.where(missing, jnp.inf, jnp.max(moved / size, axis=1))
 

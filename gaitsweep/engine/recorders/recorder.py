@@ -271,11 +271,7 @@ class Recorder(abc.ABC):
 
     def _failure_status(self, params: Params, carry: Carry, dt: Number | float) -> Integer:
         """The status of a row that cannot continue, `running` otherwise."""
-        continuous = carry.state
-        if isinstance(self.model, HybridModel):  # modes may have any value, also infinity
-            names = dict.fromkeys([*self.model.flow(params, carry.state), *_variables(self.model)])
-            continuous = [getattr(carry.state, name) for name in names]
-        leaves = [jnp.ravel(leaf) for leaf in float_leaves(continuous)]
+        leaves = [jnp.ravel(leaf) for leaf in variables_of(self.model, params, carry.state)]
         values = jnp.concatenate([jnp.zeros((1,)), *leaves])
         limit = self.max_attempts(params, dt)
         # a comparison with NaN is never true, so a row with such a limit would not end
@@ -307,11 +303,22 @@ def readings_at_the_end(rows: RowOutcome) -> Readings:
     return Readings(np.arange(rows.row.size), rows.t_end, rows.last, readable)
 
 
-def _variables(model: Model) -> list[str]:
-    """The declared variables of a model; those that only jumps change are not in its `flow`."""
+def variables_of(model: Model, params: Params, state: State) -> list[Array]:
+    """The float arrays of a state that have to be finite, without modes, which may have any value.
+
+    Args:
+        model: the model.
+        params: its parameters.
+        state: the state.
+    """
+    if not isinstance(model, HybridModel):
+        return float_leaves(state)
     original = model.original
     declarations = original.declarations if isinstance(original, Declared) else {}
-    return [name for name, declaration in declarations.items() if isinstance(declaration, Variable)]
+    # declared variables that only jumps change are not in the flow
+    declared = [name for name, declaration in declarations.items() if isinstance(declaration, Variable)]
+    names = dict.fromkeys([*jax.eval_shape(model.flow, params, state), *declared])
+    return float_leaves([getattr(state, name) for name in names])
 
 
 def counted(record: LaneRecord, keep: Flag) -> LaneRecord:

@@ -150,23 +150,35 @@ _WHOLE = range(-16, 17)
 
 def _power(exponent: float) -> Rule:
     """A power with a constant exponent."""
-    return lambda operation, k, args: [_of_power(exponent, k, args[0], operation.results[0])]
+    return lambda operation, k, args: [_of_power(operation, exponent, k, args[0])]
 
 
-def _of_power(exponent: Any, k: int, a: Series, c: Series) -> Coefficient:
-    """The coefficient of order k of c = a^r, for a != 0: a c' = r c a'."""
+def _of_power(operation: Operation, exponent: Any, k: int, a: Series) -> Coefficient:
+    """The coefficient of order k of c = a^r, where a does not move through zero: a c' = r c a'."""
     total = None
+    c = operation.results[0]
     for j in range(1, k + 1):
         if a[j] is not None and c[k - j] is not None:
             total = _plus(total, ((exponent + 1.0) * j / k - 1.0) * a[j] * c[k - j])
-    return None if total is None else total / a[0]
+    return None if total is None else total / jnp.where(_stays_zero(operation, k, a), 1.0, a[0])
+
+
+def _stays_zero(operation: Operation, k: int, a: Series) -> Value:
+    """Whether a is zero up to order k, as max(x, 0) is for x < 0; powers of it are zero then, not 0/0."""
+    zero = operation.auxiliary.setdefault("zero", [a[0] == 0.0])
+    while len(zero) <= k:
+        term = a[len(zero)]
+        zero.append(zero[-1] if term is None else zero[-1] & (term == 0.0))
+    return zero[k]
 
 
 def _sqrt(operation: Operation, k: int, args: list[Series]) -> Series:
     """A square root c: 2 c_0 c_k = a_k - sum of c_j c_(k-j) over j = 1..k-1."""
     c = operation.results[0]
     numerator = _minus(args[0][k], _sum([(c[j], c[k - j]) for j in range(1, k)]))
-    return [None if numerator is None else numerator / (2.0 * c[0])]
+    if numerator is None:
+        return [None]
+    return [numerator / jnp.where(_stays_zero(operation, k, args[0]), 1.0, 2.0 * c[0])]
 
 
 def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
@@ -176,7 +188,7 @@ def _pow(operation: Operation, k: int, args: list[Series]) -> Series:
     if isinstance(written, Literal) and written.val in _WHOLE:
         return [_whole_power(operation, int(written.val), k, base)]
     if all(term is None for term in exponent[1:]):
-        return [_of_power(exponent[0], k, base, operation.results[0])]
+        return [_of_power(operation, exponent[0], k, base)]
     # a^b = exp(b log a)
     logarithm = operation.auxiliary.setdefault("logarithm", [jnp.log(base[0])])
     while len(logarithm) <= k:

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 from gaitsweep.contract import HybridModel, Params, Rates, State
 from gaitsweep.engine.carry import Flag, Number
 from gaitsweep.engine.solver.runge_kutta import Estimate
+from gaitsweep.engine.switches import ROOTS, moving_operations
 
 Vector = list[Number]  # the numbers of a state, or their rates
 Matrix = list[Vector]  # the rows of a matrix
@@ -69,6 +70,8 @@ def rodas5p(model: HybridModel) -> Estimate:
         start = layout.flat({name: getattr(state, name) for name in layout.shapes})
         rates, times_jacobian = jax.linearize(rates_at, start)
         columns = [times_jacobian(unit) for unit in _unit_vectors(start)]
+        if not ROOTS.isdisjoint(moving_operations(model, params, state)):
+            columns = [_finite(column) for column in columns]
         factors = _factorised(_stage_matrix(columns, h * GAMMA))
         at = start
         increments = [_solved(factors, _scaled(rates, h))]
@@ -117,6 +120,14 @@ class _Layout:
 def _unit_vectors(like: Vector) -> list[Vector]:
     """The unit vectors of the space of a vector."""
     return [[jnp.asarray(float(i == j), like[0].dtype) for i in range(len(like))] for j in range(len(like))]
+
+
+def _finite(column: Vector) -> Vector:
+    """A column of the Jacobian, with 0 where a derivative is infinite or NaN, as of a speed at rest.
+
+    The error of a step with such a Jacobian is estimated, and the step shortened, as of any other.
+    """
+    return [jnp.where(jnp.abs(value) < jnp.inf, value, 0.0) for value in column]
 
 
 def _scaled(rates: Vector, h: Number) -> Vector:

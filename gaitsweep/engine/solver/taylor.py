@@ -35,6 +35,7 @@ from gaitsweep.engine.solver.recurrences import (
     Value,
 )
 from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.switches import inner_program
 
 # The ratio of a term to the one before at the step that meets the tolerance and costs least (Jorba, Zou).
 TERM_RATIO = math.exp(-2.0)
@@ -44,8 +45,6 @@ MAX_ORDER = 20
 MAX_POLYNOMIAL_ERROR = 1e-3
 # Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
 NEWTON_STEPS = 8
-# The parameters of an equation that hold an inner program.
-_INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
 
 
 def order_of(rtol: float) -> int:
@@ -334,13 +333,8 @@ class _Operation:
         self.name: str = equation.primitive.name
         self.results: list[Series] = [[] for _ in equation.outvars]
         self.auxiliary: dict[str, Series] = {}
-        self.inner: _Program | None = None
-        for key in _INNER:
-            if key in equation.params:
-                inner = equation.params[key]
-                closed = inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
-                self.inner = _Program(closed, rules)
-                break
+        inner = inner_program(equation)
+        self.inner = None if inner is None else _Program(inner, rules)
 
     def __call__(self, k: int, args: list[Series]) -> Series:
         """The coefficients of order k of the results."""
