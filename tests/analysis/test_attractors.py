@@ -220,6 +220,7 @@ def moving_table() -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+@pytest.mark.slow
 def test_names_stay_along_a_parameter() -> None:
     table = moving_table()
     result = follow_attractors(table, "p")

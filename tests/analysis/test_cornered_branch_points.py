@@ -145,6 +145,7 @@ class TwoLegs(gs.DeclaredModel):
         return jnp.ones(())
 
 
+@pytest.mark.slow
 def test_a_phase_that_waits_for_its_event_keeps_its_turn() -> None:
     """With 2 pi + 0.07 a leg has not landed; with 0.07 it has."""
     model = TwoLegs()

@@ -96,6 +96,7 @@ def test_the_unit_of_a_conserved_quantity_does_not_matter(unit: float) -> None:
     assert found == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_rounding_makes_no_pair_of_the_multipliers_of_two_conserved_quantities() -> None:
     """Both are 1, or a pair nearer to the unit circle than the critical one beside its bifurcation."""
     random = np.random.default_rng(3)

@@ -137,6 +137,7 @@ def specials(table: pd.DataFrame) -> pd.DataFrame:
 
 
 @pytest.mark.slow(
+    "fold-values0-0.7071067811865476",
     "transcritical-values1-0.5",
     "supercritical_pitchfork-values3-0.0",
     "supercritical_pitchfork-values4-0.7071067811865476",
@@ -184,7 +185,7 @@ def test_a_branch_reads_the_content_of_its_model_once(monkeypatch: pytest.Monkey
     assert len(reads) < 5
 
 
-@pytest.mark.slow("-1.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [-1.0, 0.7])
 def test_hopf_point_of_the_normal_form(n: float) -> None:
     """At m = 0, with l1 = 2 n / w where |q| = 1; cycles have the radius at which m + n r^2 - r^4 = 0."""

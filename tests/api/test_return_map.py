@@ -64,6 +64,7 @@ class DroppedBall(gs.DeclaredModel):
         return 1.0 + 0.0 * p.rest
 
 
+@pytest.mark.slow
 def test_the_return_of_a_start_off_the_section_is_its_first_crossing() -> None:
     """Displaced crossings are moved onto the section; starts are not, whatever the model's own start."""
     mapping = gs.return_map(DroppedBall())

@@ -343,7 +343,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.slow("True")
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [False, True])
 def test_a_variable_that_only_events_change_is_remarked_unless_it_is_held(held: bool) -> None:
     kept = {"w": variable("m", "a height", held=held), "high": _jumps(lambda self, p, s: s.replace(w=s.z))}

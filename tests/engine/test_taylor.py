@@ -125,7 +125,7 @@ class Orbit(DeclaredModel):
         return 2.0 * jnp.pi * jnp.ones(())
 
 
-@pytest.mark.slow("1e-06", "1e-12")
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12])
 def test_an_orbit_closes_to_the_tolerance(rtol: float) -> None:
     numerics = {"method": "taylor", "rtol": rtol, "atol": rtol}

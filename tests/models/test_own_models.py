@@ -117,6 +117,7 @@ def test_an_import_that_comes_with_an_edit_is_followed(folder: tuple[Path, str])
     assert period(found(path)[0]) == pytest.approx(3.0 * seconds, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_data_file_that_is_read_at_import_is_loaded_anew(folder: tuple[Path, str]) -> None:
     """The source is the same; the traced program is another."""
     path, package = folder

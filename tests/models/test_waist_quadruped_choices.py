@@ -247,6 +247,7 @@ def test_the_stance_line_begins_where_the_foot_is() -> None:
     assert abs(points[0][0] - x) > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.0, 1.0])
 def test_a_foot_that_bounces_is_held_where_it_was_or_anew(kept: float) -> None:
     p = scalars(MODEL, anchor_kept=kept)
