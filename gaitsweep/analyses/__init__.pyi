@@ -29,6 +29,6 @@ from gaitsweep.angles import unwrap_from as unwrap_from
 from gaitsweep.angles import wrapped_difference as wrapped_difference
 from gaitsweep.dynamics.gaits_by_footfalls import gait_of_footfalls as gait_of_footfalls
 from gaitsweep.dynamics.gaits_by_footfalls import support_patterns as support_patterns
-from gaitsweep.engine.kernel.row_functions import over_rows as over_rows
+from gaitsweep.engine.kernel.row_functions import stored_function as stored_function
 from gaitsweep.fitting.targets import Conflicts as Conflicts
 from gaitsweep.fitting.targets import conflicts as conflicts

@@ -40,6 +40,7 @@ _CURVED = {
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
     *("exp", "exp2", "expm1", "log", "log1p", "log2", "logistic", "erf", "erfc", "erf_inv", "lgamma"),
     *("sqrt", "rsqrt", "cbrt", "pow", "square"),
+    *("custom_jvp_call", "custom_vjp_call"),  # of functions that are not written out
 }
 _MULTILINEAR = {"mul", "dot_general"}
 # Operations that are finite at zero, where they have no derivative: in the drag of a body that is at rest.
@@ -53,6 +54,10 @@ _SMOOTH_IN = {"div": {0}, "select_n": {1, 2}, "gather": {0}, "dynamic_slice": {0
 # The parameters of an equation that hold an inner program, and functions of JAX that are smooth, although
 # their inner programs have a maximum.
 _INNER = ("jaxpr", "call_jaxpr", "fun_jaxpr")
+_CALLS = {
+    *("jit", "pjit", "closed_call", "core_call", "checkpoint", "remat2"),
+    *("custom_jvp_call", "custom_vjp_call", "custom_vjp_call_jaxpr"),
+}
 _SMOOTH_CALLS = {"logaddexp", "logaddexp2"}
 
 
@@ -71,13 +76,10 @@ class Switching(NamedTuple):
 
 def inner_program(equation: JaxprEqn) -> ClosedJaxpr | None:
     """The program of a checkpoint, or of a function with derivatives of its own; None of other operations."""
-    if equation.primitive.name == "scan":  # whose program is that of one round
+    if equation.primitive.name not in _CALLS:  # loops and reductions have programs of one round
         return None
-    for key in _INNER:
-        if key in equation.params:
-            inner = equation.params[key]
-            return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
-    return None
+    inner = next((equation.params[key] for key in _INNER if key in equation.params), None)
+    return inner if inner is None or isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, [])
 
 
 def _written_out(equation: JaxprEqn) -> ClosedJaxpr | None:
@@ -254,7 +256,8 @@ def _with_derivative(program: Jaxpr) -> set[Var]:
 def moving_operations(model: HybridModel, params: Params, state: State) -> set[str]:
     """JAX's names of the operations in the flow that move as it moves the state.
 
-    A power with a whole number as its exponent is `integer_pow`, however it is written.
+    A power with a whole number as its exponent is `integer_pow`, however it is written, and one of a constant
+    is `exp`.
 
     Args:
         model: the model.
@@ -262,14 +265,18 @@ def moving_operations(model: HybridModel, params: Params, state: State) -> set[s
         state: a state, of which only the shape counts.
     """
     closed, rates = _program(model.flow, params, state)
-    return {_name(equation) for equation, _ in _moving(closed.jaxpr, state, rates)}
+    return {_name(equation, places) for equation, places in _moving(closed.jaxpr, state, rates)}
 
 
-def _name(equation: JaxprEqn) -> str:
-    """The name of an operation; that of a power with a whole exponent is `integer_pow`."""
+def _name(equation: JaxprEqn, places: set[int]) -> str:
+    """The name of an operation whose arguments with these numbers move."""
     name = equation.primitive.name
-    exponent = equation.invars[-1]
-    is_whole = name == "pow" and isinstance(exponent, Literal) and float(exponent.val).is_integer()
+    if name != "pow":
+        return name
+    if 0 not in places:
+        return "exp"
+    exponent = equation.invars[1]
+    is_whole = isinstance(exponent, Literal) and float(exponent.val).is_integer()
     return "integer_pow" if is_whole else name
 
 

@@ -10,7 +10,6 @@ import importlib.machinery
 import inspect
 import sys
 import weakref
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 
 from gaitsweep import near_miss
 from gaitsweep.contract import HybridModel, Model, SteppedModel
-from gaitsweep.engine.content import held_result
+from gaitsweep.engine.content import ContentReader, held_result
 from gaitsweep.errors import JobError, ModelError
 from gaitsweep.extension import model_paths
 from gaitsweep.own_modules import Stamp, data_files, installed, line_of, modules_beside, modules_in, stamp_of
@@ -138,7 +137,7 @@ _OWN_MODEL_HINT = "write your own model as package.module:attribute, or as the p
 # classes that no module gives, such as those of a notebook's cells, by the name that a job has for them
 _SESSION_CLASSES: weakref.WeakValueDictionary[str, type[Model]] = weakref.WeakValueDictionary()
 _SESSION_PREFIX = "session:"
-_session_names: Counter[str] = Counter()  # how many of these classes had each name
+_SESSION_NAMES: dict[tuple[str, str], str] = {}  # their names by their own name and their content
 _MODEL_FILE_ENDINGS = (".yaml", ".yml")
 # the field of a manifest with the folder from which a user's model was imported, from the result directory
 MODEL_FOLDER = "model_folder"
@@ -177,11 +176,18 @@ def name_of(model_class: type[Model]) -> str:
 
 
 def _new_session_name(model_class: type[Model]) -> str:
-    """Register a class of this session; tables of earlier classes of its name keep theirs."""
-    name = f"{_SESSION_PREFIX}{model_class.__name__}"
-    _session_names[name] += 1
-    if (number := _session_names[name]) > 1:
-        name = f"{name} ({number})"
+    """Register a class of this session; tables of earlier classes of its name keep theirs.
+
+    A class with the content of an earlier one takes its name: a notebook's cell that was run again.
+    """
+    reader = ContentReader()
+    reader.read(model_class)
+    content = model_class.__name__, reader.digest.hexdigest()
+    if content not in _SESSION_NAMES:
+        number = 1 + sum(name == model_class.__name__ for name, _ in _SESSION_NAMES)
+        suffix = f" ({number})" if number > 1 else ""
+        _SESSION_NAMES[content] = f"{_SESSION_PREFIX}{model_class.__name__}{suffix}"
+    name = _SESSION_NAMES[content]
     _SESSION_CLASSES[name] = model_class
     return name
 

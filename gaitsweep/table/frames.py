@@ -132,7 +132,8 @@ def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
 def _refuse_change(self: Any, *args: Any, **fields: Any) -> NoReturn:
     """Refuse a change of what copies of a table share."""
     raise TypeError(
-        "All copies of a table share what its .attrs hold: change copy.deepcopy(...) of it, and assign that."
+        "All copies of a table share what its .attrs hold. To change its job, change "
+        'copy.deepcopy(table.attrs["job"]) and assign that.'
     )
 
 
@@ -143,7 +144,7 @@ class SharedList(list[Any]):
     insert = pop = remove = clear = sort = reverse = _refuse_change
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return SharedList, (list(self),)
+        return list, (list(self),)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> list[Any]:
         return self if memo else [copy.deepcopy(item) for item in self]
@@ -153,14 +154,14 @@ class SharedDict(dict[str, Any]):
     """A mapping in the `.attrs` of a table, which its copies share, so that it cannot be changed.
 
     pandas copies `.attrs` deeply in each operation on a table, even `table["f"]`: a job and its quantities,
-    value by value, took fifty times as long as the operation. `copy.deepcopy` of such a mapping by itself is
-    a plain one.
+    value by value, took longer than the operation. `copy.deepcopy` of such a mapping by itself, and its copy
+    in another process, are plain ones.
     """
 
     __setitem__ = __delitem__ = __ior__ = update = pop = popitem = setdefault = clear = _refuse_change
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return SharedDict, (dict(self),)
+        return dict, (dict(self),)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> dict[str, Any]:
         # pandas copies all of `.attrs`, whose copy is then in the memo
@@ -168,12 +169,13 @@ class SharedDict(dict[str, Any]):
 
 
 # a job in `.attrs` can be written as YAML
-yaml.representer.SafeRepresenter.add_representer(SharedList, yaml.representer.SafeRepresenter.represent_list)
-yaml.representer.SafeRepresenter.add_representer(SharedDict, yaml.representer.SafeRepresenter.represent_dict)
+for _representer in (yaml.representer.SafeRepresenter, yaml.representer.Representer):
+    _representer.add_representer(SharedList, _representer.represent_list)
+    _representer.add_representer(SharedDict, _representer.represent_dict)
 
 
 def shared(value: Any) -> Any:
-    """A JSON value whose mappings and lists are shared by the copies of a table in whose `.attrs` it is."""
+    """Make the mappings and lists of a JSON value unchangeable, so that copies of a table share them."""
     if isinstance(value, dict):
         return SharedDict({name: shared(item) for name, item in value.items()})
     return SharedList(map(shared, value)) if isinstance(value, list) else value

@@ -376,6 +376,13 @@ def test_states_at_rest_join_no_others() -> None:
     ]
 
 
+@pytest.mark.parametrize("statuses", [("settled", "at_rest"), ("at_rest", "settled")])
+def test_two_states_are_two_attractors_beside_many_of_another_status(statuses: tuple[str, str]) -> None:
+    x = [5.0, 9.0, *np.linspace(0.0, 1.0, 50)]
+    table = pd.DataFrame({"status": np.repeat(statuses, [2, 50]), "x_end": x})
+    assert attractors(table).summary["rows"].tolist() == [50, 1, 1]
+
+
 def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:
     table = settled(np.array([[0.0], [1.0], [0.01], [1.01]]), f=[1.0, 1.0, 2.0, 2.0])
     expected = follow_attractors(table, "f", link=0.5).column.tolist()

@@ -144,6 +144,10 @@ def test_a_branch_followed_in_both_directions_has_one_range() -> None:
         special = table["special"].mask(table["r"] == kink, "kink")
         (piece,) = stable_ranges(unstable_ahead.assign(special=special), "r").to_dict("records")
         assert (piece["high"], piece["high_by"]) == (0.0, bound)
+    at_end = table.loc[(table["direction"] < 0) | (table["point"] < 2)].assign(row=0)
+    at_end.loc[at_end["direction"] > 0, "r"] = 0.0  # it starts at an end of the range
+    (piece,) = stable_ranges(at_end, "r").to_dict("records")
+    assert (piece["high"], piece["high_by"]) == (0.0, "start")
     mirrored = table.assign(direction=-table["direction"], r=-table["r"])
     (piece,) = stable_ranges(mirrored, "r").to_dict("records")
     assert piece == {"row": 0, "low": -4.0, "high": 2.0, "low_by": "range", "high_by": "fold"}

@@ -147,11 +147,13 @@ def test_refusals_of_jobs_and_run_kinds() -> None:
 
 
 def test_tables_of_two_classes_of_one_name_have_a_model_each() -> None:
-    """As of a cell that is run again, or of a function that makes classes."""
-    classes = [type("OfCell", (toy_model.Toy,), {"__module__": "__main__"}) for _ in range(2)]
+    """As of a cell that is edited and run again; without an edit its class is the same model."""
+    edits = [{"__module__": "__main__", "grip": grip} for grip in (1.0, 2.0, 1.0)]
+    classes = [type("OfCell", (toy_model.Toy,), edit) for edit in edits]
     names = [gs.models.name_of(model_class) for model_class in classes]
-    assert [gs.models.find(name) for name in names] == classes
-    assert gs.models.name_of(classes[0]) == names[0]
+    assert [gs.models.find(name) for name in names[1:]] == classes[1:]
+    assert names[0] == names[2] != names[1]
+    assert gs.models.name_of(classes[1]) == names[1]
     with pytest.raises(gs.models.ModelError, match="a class that this Python process does not have"):
         gs.models.find("session:Nowhere")
 

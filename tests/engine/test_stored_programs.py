@@ -18,7 +18,7 @@ from gaitsweep.api.keywords import job_of
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.engine import stored_traces
 from gaitsweep.engine.content import depends_on, lasting_content
-from gaitsweep.engine.kernel.row_functions import over_rows
+from gaitsweep.engine.kernel.row_functions import over_rows, stored_function
 from gaitsweep.engine.stored_traces import stored
 from gaitsweep.runs.prepare import prepare
 
@@ -117,7 +117,7 @@ def test_programs_of_a_function_are_stored_by_its_code(folder: Path) -> None:
     assert content not in (None, lasting_content(doubled("def doubled(x):\n    return x + x\n")))
     assert lasting_content(function, 3) not in (None, content)
     assert lasting_content(doubled("import os\ndef doubled(x):\n    return x * len(os.environ)\n")) is None
-    np.testing.assert_array_equal(over_rows(function, "doubled", function)(np.arange(3.0)), [0.0, 2.0, 4.0])
+    np.testing.assert_array_equal(stored_function(function)(np.arange(3.0)), [0.0, 2.0, 4.0])
     assert len(list((folder / "cache").rglob("doubled_*"))) == 1
 
 
@@ -125,7 +125,7 @@ def test_a_function_of_rows_follows_what_it_reads(folder: Path) -> None:
     name = f"stored_function_{next(_NUMBERS)}"
     (folder / f"{name}.py").write_text("gain = 2.0\ndef scaled(x):\n    return gain * x\n")
     module: Any = importlib.import_module(name)
-    of_rows = over_rows(module.scaled, "scaled", module.scaled)
+    of_rows = stored_function(module.scaled)
     assert of_rows(np.ones(2)).tolist() == [2.0, 2.0]
     module.gain = 3.0
     assert of_rows(np.ones(2)).tolist() == [3.0, 3.0]

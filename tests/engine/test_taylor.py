@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 import types
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep import DeclaredModel, event, observable, parameter, variable
 from gaitsweep.engine.solver.taylor import along, bends_back, first_zero, solution
-from gaitsweep.engine.switches import curving_operation, switching
+from gaitsweep.engine.switches import ROOTS, curving_operation, moving_operations, switching
 from gaitsweep.examples.compass_walker import CompassWalker
 
 ORDER = 6
@@ -320,6 +321,8 @@ positive_part.defjvps(lambda rate, _, x: jnp.where(x > 0.0, rate, 0.0))
         (lambda x: jax.nn.relu(jnp.array([1.0, 3.0])[jnp.argmin(jnp.stack([x, -x]))]), True),
         (jax.nn.softplus, False),
         (lambda x: jax.nn.softplus(x) + jax.checkpoint(jnp.sin)(x), False),
+        # by a program of one round, which is no part of the flow
+        (lambda x: jnp.sign(jax.lax.reduce(jnp.stack([x, x]), 0.0, jax.lax.add, (0,))), True),
     ],
 )
 def test_switches_at_zero_are_found(rate, switches: bool) -> None:
@@ -330,6 +333,15 @@ def test_switches_at_zero_are_found(rate, switches: bool) -> None:
     model = types.SimpleNamespace(flow=lambda _, s: {"x": s.y * rate(s.x), "y": 0.0})
     curving = curving_operation(model, None, Point(jnp.asarray(0.1), jnp.asarray(1.0)))  # type: ignore[arg-type]
     assert curving != "mul"  # y is constant
+
+
+def test_a_softplus_curves_and_a_power_of_a_constant_is_no_root() -> None:
+    point: Any = Point(jnp.asarray(0.1), jnp.asarray(1.0))
+    smooth: Any = types.SimpleNamespace(flow=lambda _, s: {"x": jax.nn.softplus(s.x), "y": 0.0})
+    assert curving_operation(smooth, None, point) is not None
+    for rate, is_root in ((lambda x: 2.0**x, False), (lambda x: x**2.0, False), (lambda x: x**1.5, True)):
+        model: Any = types.SimpleNamespace(flow=lambda _, s, rate=rate: {"x": rate(s.x), "y": 0.0})
+        assert ROOTS.isdisjoint(moving_operations(model, None, point)) != is_root
 
 
 @pytest.mark.parametrize(("method", "error"), [("tsit5", 1e-7), ("taylor", 1e-9)])

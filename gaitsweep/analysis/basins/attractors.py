@@ -293,7 +293,7 @@ class Attractors:
             of a state in its middle (of an orbit: at a crossing), extent (the distance between its ends, in
             the columns' unit, over whole turns; NaN for orbits), dimension and kind (point, line, surface, or
             space from 3 dimensions on; `rest` at rest; `period p`; `chaotic`; `quasi_periodic`).
-        link: the largest link within an attractor of states settled on the section, inf where there is one.
+        link: the largest link within an attractor of settled states, inf where there is one attractor.
         grain: the distance below which states are equal.
         states: states of each attractor by its name, (m, d), one for each cell, in units of the scales.
     """
@@ -357,9 +357,10 @@ def attractors(
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
-    groups, link_of_points = _point_groups(space, table, columns, Status.settled, grain, link, corners)
-    # apart from the others, which states at rest may lie between
-    groups += _point_groups(space, table, columns, Status.at_rest, grain, link, corners)[0]
+    # settled states and those at rest apart, since one kind may lie between two of the other
+    most = _link_of_points(space, table, columns, grain) if link is None else link
+    groups, link_of_points = _point_groups(space, table, columns, Status.settled, grain, link, most, corners)
+    groups += _point_groups(space, table, columns, Status.at_rest, grain, link, most, corners)[0]
     groups.sort(key=lambda group: -len(group.rows))
     periods = orbit_periods(table)
     for period in np.unique(periods[periods > 1]).tolist():
@@ -397,6 +398,20 @@ def _summary(names: Sequence[str], groups: Sequence[_Group], columns: Sequence[s
     return pd.concat([counts, states], axis=1)
 
 
+def _link_of_points(space: Space, table: pd.DataFrame, columns: Sequence[str], grain: float) -> float:
+    """The longest link by which settled states and those at rest together are told apart.
+
+    It is inf if there are not both: each kind alone has its own.
+    """
+    settled, resting = (_settled(table, columns, status) for status in (Status.settled, Status.at_rest))
+    if not (settled.any() and resting.any()):
+        return np.inf
+    points = _with_values(space.points(table, columns)[settled | resting])
+    binned = cells(space, points, grain)
+    _, lengths = spanning_tree(space, points[binned.first])
+    return linking_distance(lengths, binned.side, len(points))
+
+
 def _point_groups(
     space: Space,
     table: pd.DataFrame,
@@ -404,15 +419,20 @@ def _point_groups(
     status: Status,
     grain: float,
     link: float | None,
+    most: float,
     corners: bool,
 ) -> tuple[list[_Group], float]:
-    """The rows of a status on each attractor that is no orbit, the most frequent first; the longest link."""
+    """The rows of a status on each attractor that is no orbit, the most frequent first; the longest link.
+
+    Without a `link` it is that between the states of this status, `most` at most.
+    """
     rows = np.flatnonzero(_settled(table, columns, status))
     points = _with_values(space.points(table, columns)[rows])
     binned = cells(space, points, grain)
     states = points[binned.first]
     links, lengths = spanning_tree(space, states)
-    link = linking_distance(lengths, binned.side, len(points)) if link is None else link
+    if link is None:
+        link = min(linking_distance(lengths, binned.side, len(points)), most)
     flat = space.unrolled(states, links)
     group = components(len(states), links[lengths <= link])
     if corners:

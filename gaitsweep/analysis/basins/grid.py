@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int, Real
 
 from gaitsweep.angles import TURN, is_circular
 
-_EQUAL = 1e-6  # largest relative difference between the steps of a grid
-_ROUNDED = 1e-3  # the same, where it may be the rounding of values in single precision
+_EQUAL = 1e-6  # largest distance of a value from its place in a grid, as a share of the step
+_ROUNDED = 0.05  # the same of values that may be rounded to single precision
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,11 +74,10 @@ def find_grid(table: pd.DataFrame, axes: Sequence[str]) -> BasinGrid | None:
         values, place = np.unique(table[name].to_numpy(float), return_inverse=True)
         if values.size < 2 or not np.isfinite(values).all():
             return None
-        gaps = np.diff(values)
-        step = float(gaps.mean())
+        step = float(values[-1] - values[0]) / (values.size - 1)
         rounding = float(np.finfo(np.float32).eps * np.abs(values).max())
         tolerance = max(_EQUAL * step, min(rounding, _ROUNDED * step))
-        if np.abs(gaps - step).max() > tolerance:
+        if np.abs(values - np.linspace(values[0], values[-1], values.size)).max() > tolerance:
             return None
         places.append(place)
         lengths.append(values.size)

@@ -42,7 +42,7 @@ def stable_ranges(table: pd.DataFrame, parameter: str, least: float = NARROWEST_
     records = []
     keys = ["row", "branch"] if "branch" in table else ["row"]
     for _, branch in table.groupby(keys, sort=True, dropna=False):
-        pieces_of_branch = _pieces(_in_one_direction(branch), parameter)
+        pieces_of_branch = _pieces(_in_one_direction(branch, parameter), parameter)
         records += [{"row": branch["row"].iloc[0], **piece} for piece in pieces_of_branch]
     gaits = ["gait"] if "gait" in table else []
     names = ["row", *gaits, "low", "high", "low_by", "high_by"]
@@ -76,10 +76,13 @@ def range_of_gait(table: pd.DataFrame, parameter: str, gait: str) -> pd.DataFram
     return widest.drop(columns=["gait", "width"]).reset_index(drop=True)
 
 
-def _in_one_direction(branch: pd.DataFrame) -> pd.DataFrame:
+def _in_one_direction(branch: pd.DataFrame, parameter: str) -> pd.DataFrame:
     """The points of a branch from one end to the other, its start once, if it has two directions."""
     if "direction" not in branch or len(np.unique(branch["direction"])) < 2:
         return branch
+    for direction in (1, -1):
+        if np.ptp(branch.loc[branch["direction"] == direction, parameter]) == 0.0:  # it starts at an end
+            return branch.loc[branch["direction"] == -direction]
     back = branch.loc[branch["direction"] < 0].iloc[::-1]
     # a kink marks the step that leads to its record, which is the next record now
     kink = (back["special"] == "kink").to_numpy(bool)

@@ -48,20 +48,13 @@ def over_rows(
     Args:
         function: a JAX function of one row, from pytrees to a pytree of arrays; XLA computes it where it has
             operations that a scalar program lacks.
-        name, source, others: what a program is stored by (`stored_traces.stored`). Its results are then
-            mappings and lists of arrays. Without a source it is traced in each process.
+        name, source, others: what a program is stored by (`stored_traces.stored`): all that decides
+            `function`. Its results are then mappings and lists of arrays. Without a source it is traced in
+            each process.
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
         simplify: as of `Program`; by default a product with 0 is NaN where the other factor is.
         by_xla: makes the function of rows that XLA computes, in place of `function`.
 
-    Example:
-        A later session evaluates a stored function without JAX:
-
-        >>> import numpy as np
-        >>> from gaitsweep.analyses import over_rows
-        >>> def area(sides): return sides["a"] * sides["b"]
-        >>> over_rows(area, "area", area)({"a": np.arange(3.0), "b": np.full(3, 2.0)})
-        array([0., 2., 4.])
     """
     if all_rows:
         from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
@@ -72,6 +65,8 @@ def over_rows(
     else:
         trace = _traced_operations
         computed_by = _by_numpy
+    if simplify:
+        others = *others, "simplified"
     programs: dict[tuple[str, str], Callable[..., Any]] = {}
     lock = threading.Lock()
 
@@ -101,6 +96,28 @@ def over_rows(
         return programs[known](*columns)
 
     return of_rows
+
+
+def stored_function(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make the function of many rows from a function in JAX of one row; its program is stored.
+
+    A later session neither traces nor compiles it, as long as nothing has changed that the function reads.
+
+    Args:
+        function: a function of a module, from mappings, lists and numbers to arrays. One that is written at a
+            prompt, or reads files, the environment or a clock, is traced in each session.
+
+    Returns:
+        The function, whose arguments and results have the rows as their first axis; results are mappings and
+        lists of arrays.
+
+    Example:
+        >>> import numpy as np, gaitsweep as gs
+        >>> def area(sides): return sides["a"] * sides["b"]
+        >>> gs.analyses.stored_function(area)({"a": np.arange(3.0), "b": np.full(3, 2.0)})
+        array([0., 2., 4.])
+    """
+    return over_rows(function, function.__name__, function)
 
 
 def _by_xla(function: Callable[..., Any], *, all_rows: bool) -> Callable[..., Any]:

@@ -51,11 +51,10 @@ class RampSchedule:
         inner = [np.linspace(since, until, PARTS_OF_A_PASS + 1) for since, until in passes]
         return tuple(float(t) for t in np.unique(np.concatenate(inner)))
 
-    def at(self, t: Any) -> Any:
+    def at(self, t: Float[Array, " *times"] | Float[np.ndarray, " *times"]) -> Any:
         """The parameter at time `t` (s), which is constant before the first pass and after the last one.
 
-        Args:
-            t: times of any shape; those of a NumPy array are computed by NumPy, which needs no JAX.
+        That of a NumPy array is computed by NumPy, which needs no JAX.
         """
         xp = np if isinstance(t, np.ndarray) else jnp
         knots = self.knots

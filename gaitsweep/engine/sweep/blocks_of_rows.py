@@ -144,9 +144,9 @@ class Block:
         owner, samples = _in_order(self._samples[1], width)
         done = stored[owner]
         stored_samples = [*self._samples[0], (owner[done], samples[done])]
-        self._stored_count = int(np.count_nonzero(stored))
         self.stored = stored  # first, since the samples of a row that is not stored are in the second list
         self._samples = stored_samples, [(owner[~done], samples[~done])]
+        self._stored_count = int(np.count_nonzero(stored))
 
     def result(self) -> RowOutcome:
         """All rows with all of their samples."""

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from gaitsweep.analyses import AnalysisError, fractions, over_rows, proportion_interval
+from gaitsweep.analyses import AnalysisError, fractions, proportion_interval, stored_function
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chains_of,
     parameters_of,
@@ -95,14 +95,18 @@ def existence(table: pd.DataFrame, sets: pd.DataFrame) -> dict[str, Bool[np.ndar
     Raises:
         AnalysisError: the job's parameters cannot be read.
     """
-    exists = _existing_waves(springs_of(table))(chains_of(table, sets).given)
+    exists = _existing_waves(springs_of(table))(chains_of(table, sets).by_name)
     return {gait: exists[gait] for gait in WAVES}
 
 
 @cache
 def _existing_waves(N: int) -> Callable[[Any], dict[str, Bool[np.ndarray, " sets"]]]:
     """Make the function of the fields of n chains, whether each of WAVES is a motion of each."""
-    return over_rows(lambda chain: existing_waves(N, Chain(**chain)), "existing_waves", existing_waves, N)
+
+    def existing(chain: Any) -> dict[str, Any]:
+        return existing_waves(N, Chain(**chain))
+
+    return stored_function(existing)
 
 
 def printed_margins(table: pd.DataFrame, sets: pd.DataFrame) -> Float[np.ndarray, "conditions sets"]:

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d
 from pydantic import Field
 
-from gaitsweep.analyses import in_order, over_rows
+from gaitsweep.analyses import in_order, stored_function
 from gaitsweep.papers.ambe2021.multilegged.chain_of_table import (
     chain_of,
     largest_distance,
@@ -223,7 +223,7 @@ def _segments(chain: Mapping[str, Any]) -> Segments:
 
 
 # stored, since the figure would wait for JAX and XLA
-_segments_of_chains = over_rows(_segments, "segments_of_chain", _segments)
+_segments_of_chains = stored_function(_segments)
 
 
 def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pieces 2 3"], str | None]:
@@ -239,7 +239,7 @@ def _theory(table: pd.DataFrame, axes: list[str]) -> tuple[Float[np.ndarray, "pi
     varied = [name for name in names if name in table.columns and len(table[name].unique()) > 1]
     if varied:
         return none, f"{', '.join(varied)} varies."
-    chain = {name: np.array([value]) for name, value in chain_of(table).given.items()}
+    chain = {name: np.array([value]) for name, value in chain_of(table).by_name.items()}
     middle, direction, half = (array[0] for array in _segments_of_chains(chain))
     half = half[..., None]
     reach = direction * half

@@ -15,7 +15,7 @@ the phases t_j, so the lags of neighbours, and no touchdown phase.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -53,8 +53,8 @@ class Chain(NamedTuple):
     a_end: Scalar | None = None
 
     @property
-    def given(self) -> dict[str, Scalar]:
-        """The fields that are given, by name."""
+    def by_name(self) -> dict[str, Any]:
+        """The fields that are not None, by name."""
         return {name: value for name, value in self._asdict().items() if value is not None}
 
     @property
