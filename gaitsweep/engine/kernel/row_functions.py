@@ -54,7 +54,6 @@ def over_rows(
         all_rows: compute by a kernel, for a function that a run calls with all its rows.
         simplify: as of `Program`; by default a product with 0 is NaN where the other factor is.
         by_xla: makes the function of rows that XLA computes, in place of `function`.
-
     """
     if all_rows:
         from gaitsweep.engine.kernel.cpu_program import TILE  # which imports LLVM
