@@ -169,7 +169,8 @@ class SharedDict(dict[str, Any]):
 
 
 # a job in `.attrs` can be written as YAML
-for _representer in (yaml.representer.SafeRepresenter, yaml.representer.Representer):
+_REPRESENTERS: tuple[Any, ...] = (yaml.representer.SafeRepresenter, yaml.representer.Representer)
+for _representer in _REPRESENTERS:
     _representer.add_representer(SharedList, _representer.represent_list)
     _representer.add_representer(SharedDict, _representer.represent_dict)
 

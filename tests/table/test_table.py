@@ -97,6 +97,7 @@ def test_operations_on_a_table_share_its_attrs(tmp_path: Path) -> None:
     manifest, copied = table.attrs["manifest"], table[["row"]].attrs["manifest"]
     assert copied is manifest
     assert yaml.safe_load(yaml.safe_dump(copied)) == json.loads(json.dumps(copied)) == manifest
+    assert yaml.safe_load(yaml.dump(copied)) == manifest
     assert pickle.loads(pickle.dumps(table)).attrs == table.attrs
 
 
