@@ -177,7 +177,9 @@ def irregular_passes(
     Raises:
         AnalysisError: the table does not have a column.
     """
-    least = _least_reversal(table, observable, parameter) if least is None else least
+    if least is None:
+        large = large_change(table, observable, parameter)
+        least = LEAST_JUMP if large is None else LEAST_JUMP * large / LEAST_SHARE
     all_jumps = jumps(table, observable, parameter, least)
     oscillating = all_jumps.loc[_oscillating(all_jumps), ["row", "pass"]].to_numpy()
     passes = {(row, int(number)) for row, number in oscillating}
@@ -189,13 +191,18 @@ def irregular_passes(
     return pd.DataFrame(sorted(passes), columns=["row", "pass"]).astype(int)
 
 
-def _least_reversal(table: pd.DataFrame, observable: str, parameter: str) -> float:
-    """The least change by which a pass reverses direction, in the observable's unit."""
+def large_change(table: pd.DataFrame, observable: str, parameter: str) -> float | None:
+    """The change that is large for all rows of a staircase, `Course.large`; None where there is none.
+
+    Angles have none, ramps neither, nor an observable that does not change.
+
+    Args:
+        table, observable, parameter: as for `jumps`.
+    """
     if "stair" not in table.columns or is_circular(table, section_column(table, observable)):
-        return LEAST_JUMP
+        return None
     first = next(courses(table, observable, parameter), None)
-    # of a range of 0 nothing reverses
-    return LEAST_JUMP if first is None else LEAST_JUMP * first.large / LEAST_SHARE or LEAST_JUMP
+    return None if first is None else first.large or None
 
 
 def courses(table: pd.DataFrame, observable: str, parameter: str) -> Iterator[Course]:

@@ -18,9 +18,9 @@ from gaitsweep.analysis.records import is_true, sound
 from gaitsweep.analysis.transitions.jumps import (
     LEAST_JUMP,
     STEEPER,
-    courses,
     irregular_passes,
     jump_intervals,
+    large_change,
     largest_jumps,
     where_it_moves,
 )
@@ -195,7 +195,8 @@ def draw_passes(
     rows = branches["row"].unique()
     alpha = 1.0 if len(rows) <= _FAINT else max(0.15, _FAINT / len(rows))
     axes.margins(y=0.1)  # room for the arrows
-    size = least or _usual_step(panel.table, columns)
+    # the least change that parts two holds; half of it has arrows
+    size = least or large_change(panel.table, name, parameter) or LEAST_JUMP
     jumping = largest_jumps(panel.table, name, parameter, size)["row"]
     with_arrows = jumping.mode().min() if len(jumping) else rows[0]  # the first row that jumps on each pass
     for row, records in branches.groupby("row", sort=True):
@@ -203,15 +204,6 @@ def draw_passes(
         if row == with_arrows:
             _draw_arrows(axes, passes, size)
     return _draw_jumps(axes, jump_intervals(panel.table, name, parameter, least), branches, parameter)
-
-
-def _usual_step(table: pd.DataFrame, columns: Columns) -> float:
-    """The least change of y that parts two holds where none is given; half of it has arrows."""
-    _, name, parameter, origin = columns
-    if origin is not None or "stair" not in table.columns:
-        return LEAST_JUMP
-    first = next(courses(table, name, parameter), None)
-    return LEAST_JUMP if first is None else first.large or LEAST_JUMP
 
 
 def _why_empty(table: pd.DataFrame, name: str) -> str:
