@@ -97,7 +97,7 @@ class RowOutcome:
     def empty(
         cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
-        """Rows without results.
+        """Rows without results, whose numbers take no memory before a row has its own.
 
         Args:
             row: the numbers (n,) of the rows in their table.
@@ -106,7 +106,9 @@ class RowOutcome:
             width: how many numbers a record has.
         """
         arrays = {
-            number.name: np.full((row.size, *number.shape(observables)), number.absent, number.dtype)
+            number.name: np.broadcast_to(
+                np.asarray(number.absent, number.dtype), (row.size, *number.shape(observables))
+            )
             for number in (*ENGINE_NUMBERS, *numbers)
         }
         # how many words hold the guards is known only from a trajectory
@@ -140,12 +142,17 @@ class RowOutcome:
         for name, own in list(self.numbers.items()):
             values = numbers[name]
             if own.shape[1:] == (0,):  # the words of guards are counted only now; other rows have no bit set
-                self.numbers[name] = own = np.zeros((self.row.size, *values.shape[1:]), own.dtype)
+                own = np.broadcast_to(np.zeros((), own.dtype), (self.row.size, *values.shape[1:]))
             if own.shape[1:] != values.shape[1:]:
                 raise ValueError(
                     f"{name} is declared with the shape {own.shape[1:]} in a row, but has {values.shape[1:]}."
                 )
-            own[which] = values
+            if isinstance(which, slice) and which == slice(0, self.row.size, 1):
+                own = np.array(values, own.dtype)
+            else:
+                own = own if own.flags.writeable else own.copy()
+                own[which] = values
+            self.numbers[name] = own
 
     def take(self, which: Int[np.ndarray, " taken"]) -> RowOutcome:
         """The rows at the places `which` (m,), in that order."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -45,8 +46,7 @@ class StatusNames(frozenset[str]):
         if (categories := getattr(getattr(values, "dtype", None), "categories", None)) is not None:
             import pandas as pd
 
-            known = np.append(self.among(np.asarray(categories)), False)  # a missing status has the code -1
-            return known[pd.Categorical(values).codes]
+            return _known(self, tuple(categories))[pd.Categorical(values).codes]
         statuses = np.asarray(values)
         if statuses.dtype.kind in "iuf":
             return np.isin(statuses, [Status[name] for name in self])
@@ -55,6 +55,13 @@ class StatusNames(frozenset[str]):
 
             statuses = np.where(pd.isna(statuses), "", statuses)
         return np.isin(statuses, list(self))
+
+
+# cached, since to compare names takes longer than to look up the rows of a small table
+@functools.lru_cache(maxsize=256)
+def _known(names: StatusNames, categories: tuple[object, ...]) -> Bool[np.ndarray, " categories"]:
+    """Whether each category is one of the names, and false for a missing one, whose code is -1."""
+    return np.array([*(category in names for category in categories), False])
 
 
 class _StatusesWith:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
@@ -86,6 +87,17 @@ class Records:
         if name in self.names:
             return self.samples[:, self.names.index(name)]
         return self.of_row(self.block.numbers[name])
+
+    @functools.cached_property
+    def status(self) -> pd.Categorical:
+        """The status of each record's row."""
+        # statuses are numbered from 0, running
+        return categorical(self.of_row(self.block.status) - 1, STATUSES)
+
+    @functools.cached_property
+    def gait(self) -> pd.Categorical:
+        """The gait of each record."""
+        return gaits(self.model, self.label("gait", -1))
 
     @property
     def recorded(self) -> Bool[np.ndarray, " records"]:
@@ -216,22 +228,11 @@ def row_number(quantity: Quantity) -> Column:
     )
 
 
-def _status(records: Records) -> pd.Categorical:
-    """The status of each record's row."""
-    # statuses are numbered from 0, running
-    return categorical(records.of_row(records.block.status) - 1, STATUSES)
-
-
 def _crossing(records: Records) -> Real[np.ndarray, " records"]:
     """The number of each record's crossing."""
     # a row that kept no crossing has the number of those that it made
     cycles = records.of_row(records.block.cycles)
     return np.where(records.recorded, records["crossing"], cycles).astype(np.int64)
-
-
-def _gait(records: Records) -> pd.Categorical:
-    """The gait of each record."""
-    return gaits(records.model, records.label("gait", -1))
 
 
 def _stalled_by(records: Records) -> pd.Categorical:
@@ -257,11 +258,11 @@ def _slowest(records: Records) -> pd.Categorical:
     return categorical(codes, names)
 
 
-STATUS = Column("status", _status)
+STATUS = Column("status", lambda records: records.status)
 STALLED_BY = Column("stalled_by", _stalled_by)
 CROSSING = Column("crossing", _crossing)
-GAIT = Column("gait", _gait)
-OUTCOME = Column("outcome", lambda records: outcomes(_gait(records), _status(records)))
+GAIT = Column("gait", lambda records: records.gait)
+OUTCOME = Column("outcome", lambda records: outcomes(records.gait, records.status))
 SLOWEST = Column("slowest", _slowest)
 
 

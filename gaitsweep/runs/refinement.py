@@ -154,7 +154,7 @@ class Refinement:
 
         fields = {quantity.name: no_values(quantity.name) for quantity in model.label_fields}
         nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
-        nothing.status[:] = Status.inferred
+        nothing.numbers["status"] = np.full_like(nothing.status, Status.inferred)
         labels = {"gait": gaits, **fields}
         return self.context.table(dataclasses.replace(nothing, labels=labels))
 

@@ -64,7 +64,7 @@ from gaitsweep.table.parquet_parts import (
     readable,
     unreadable,
 )
-from gaitsweep.table.reading import Rows, add_counts, load, load_parts
+from gaitsweep.table.reading import Rows, added_counts, load, load_parts
 
 # No two processes have the same, also not two of different machines.
 WRITER = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
@@ -290,7 +290,8 @@ class ResultDirectory:
 
     def counts(self) -> dict[str, int]:
         """Return the numbers of rows in complete parts by status."""
-        return add_counts(list(self._footers.values()))  # a copy: another thread may write a part
+        # a copy: another thread may write a part
+        return added_counts(footer.counts for footer in list(self._footers.values()))
 
     def tally(self, column: str | None) -> dict[str, int]:
         """Count the values of a column of text in complete parts, each of which is read once.

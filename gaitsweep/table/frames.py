@@ -19,7 +19,10 @@ from gaitsweep import near_miss
 from gaitsweep.status import Outcome, Status
 from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
-from gaitsweep.table.parquet_parts import Footer
+from gaitsweep.table.parquet_parts import CATEGORICAL, Footer
+
+_MOST_SEPARATE = 60  # columns of a table that are not joined to blocks of one type
+_TEXT = pd.Index([""]).dtype  # of categories, which depends on the version of pandas
 
 
 class PartRecords:
@@ -76,7 +79,99 @@ def joined_parts(path: Path, parts: PartRecords, columns: Sequence[str] | None) 
             categories = list(parts.categories[name] | dict.fromkeys(present))
             if categories != list(present):
                 frame[name] = frame[name].cat.set_categories(categories)
+            if not categories:  # of objects, in Arrow's frames
+                frame[name] = frame[name].astype(_categories(()))
     return frame
+
+
+def joined_frames(frames: Sequence[pd.DataFrame]) -> pd.DataFrame | None:
+    """Join the records of blocks, with the values and types that `joined_parts` gives.
+
+    Args:
+        frames: the records of each block.
+
+    Returns:
+        The records; None if Arrow would convert a column, or if the blocks have different columns.
+    """
+    kinds = [list(frame.dtypes.map(_kind_of).items()) for frame in frames]
+    if not frames or any(kind != kinds[0] for kind in kinds) or not all(map(_are_as_stored, frames)):
+        return None
+    for name in frames[0].select_dtypes("category"):
+        categories = [list(frame[name].cat.categories) for frame in frames]
+        names = list(dict.fromkeys(text for of_frame in categories for text in of_frame))
+        if any(of_frame != names for of_frame in categories):
+            frames = [frame.assign(**{name: frame[name].cat.set_categories(names)}) for frame in frames]
+    return pd.concat(frames, ignore_index=True)
+
+
+class RowColumns:
+    """Columns of a table with one record for each row, which blocks fill in any order.
+
+    They take memory once, and no time at the end, when the blocks' own records would have to be joined.
+
+    Args:
+        frame: the records of one block, which decide the types.
+        rows: the number of rows of the table.
+    """
+
+    def __init__(self, frame: pd.DataFrame, rows: int) -> None:
+        self._dtypes = dict(frame.dtypes)
+        self._columns: dict[Any, np.ndarray] = {}
+        if _are_as_stored(frame):
+            self._columns = {
+                name: np.empty(rows, _plain_values(column).dtype) for name, column in frame.items()
+            }
+
+    def fill(self, frame: pd.DataFrame, start: int, stop: int) -> bool:
+        """Copy the records of rows `start` to `stop - 1`, and return True; or False if they do not fit.
+
+        They do not fit if a row has several records, or a column or its categories differ.
+        """
+        dtypes = dict(frame.dtypes)
+        same = list(dtypes) == list(self._dtypes) and all(
+            dtype is self._dtypes[name] or (isinstance(dtype, np.dtype) and dtype == self._dtypes[name])
+            for name, dtype in dtypes.items()
+        )
+        if not self._columns or not same or len(frame) != stop - start:
+            return False
+        for name, column in frame.items():
+            self._columns[name][start:stop] = _plain_values(column)
+        return True
+
+    def frame(self, start: int, stop: int) -> pd.DataFrame:
+        """Return the records of rows `start` to `stop - 1`, whose values are those of the columns."""
+        columns: dict[Any, Any] = {}
+        for name, values in self._columns.items():
+            dtype = self._dtypes[name]
+            is_text = isinstance(dtype, pd.CategoricalDtype)
+            part = values[start:stop]
+            columns[name] = pd.Categorical.from_codes(part, dtype=dtype) if is_text else part
+        frame = pd.DataFrame(columns, copy=False)
+        # pandas warns where a column is added to a table that has too many separate ones
+        return frame if len(columns) <= _MOST_SEPARATE else frame.copy()
+
+
+def _plain_values(column: pd.Series) -> np.ndarray:
+    """Return the values of a column, or its codes."""
+    return column.cat.codes.to_numpy() if isinstance(column.dtype, pd.CategoricalDtype) else column.to_numpy()
+
+
+def _kind_of(dtype: Any) -> Any:
+    """Return the type of a column, without the categories of text."""
+    return "category" if isinstance(dtype, pd.CategoricalDtype) else dtype
+
+
+def _are_as_stored(frame: pd.DataFrame) -> bool:
+    """Return whether Arrow gives all columns back as they are."""
+    return all(
+        dtype.categories.dtype == _TEXT and not dtype.ordered
+        if isinstance(dtype, pd.CategoricalDtype)
+        else isinstance(dtype, np.dtype)
+        and dtype.kind in "iufb"
+        and dtype.itemsize <= 8
+        and name not in CATEGORICAL
+        for name, dtype in frame.dtypes.items()
+    )
 
 
 def with_same_categories(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
@@ -112,8 +207,8 @@ def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
     """Return the column `outcome`: the gait of each row (n,), or the reason why it has none."""
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
-    codes[~Status.SOUND.among(status)] = names.index(Outcome.FAILED)
-    codes[Status.UNDECIDED.among(status)] = names.index(Outcome.NOT_SETTLED)
+    codes = np.where(Status.SOUND.among(status), codes, names.index(Outcome.FAILED))
+    codes = np.where(Status.UNDECIDED.among(status), names.index(Outcome.NOT_SETTLED), codes)
     return categorical(codes, names)
 
 
@@ -125,8 +220,8 @@ def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
 # cached, since pandas takes longer to look for repeated names than a small column takes
 @functools.lru_cache(maxsize=256)
 def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
-    """Return the type of a column with these categories."""
-    return pd.CategoricalDtype(list(names))
+    """Return the type of a column with these categories, of text even if there is none."""
+    return pd.CategoricalDtype(pd.Index(names, dtype=_TEXT))
 
 
 def _refuse_change(self: Any, *args: Any, **fields: Any) -> NoReturn:

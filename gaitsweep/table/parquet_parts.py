@@ -25,7 +25,7 @@ from gaitsweep.table.manifest import Layout
 
 _KEY = b"gaitsweep"  # of the metadata of a part
 # Columns that are categorical even where a frame has them as text.
-_CATEGORICAL = ("status", "gait", "outcome")
+CATEGORICAL = ("status", "gait", "outcome")
 
 
 class Numbered(NamedTuple):
@@ -116,10 +116,11 @@ def missing_blocks(numbers: Iterable[int], footers: Container[int]) -> list[int]
 
 def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows by status, that of their last record, for records in the order of rows."""
-    last_of_row = np.flatnonzero(np.diff(frame["row"].to_numpy(), append=-1))
-    last = frame["status"].iloc[last_of_row]
-    counts = {str(status): int(number) for status, number in last.value_counts().items() if number}
-    return dict(sorted(counts.items()))
+    rows = frame["row"].to_numpy()
+    status = pd.Categorical(frame["status"])
+    last_of_row = np.append(rows[:-1] != rows[1:], np.ones(rows[-1:].size, bool))
+    counts = np.bincount(status.codes[last_of_row] + 1)[1:]  # without missing ones
+    return dict(sorted((str(status.categories[code]), int(counts[code])) for code in np.flatnonzero(counts)))
 
 
 def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
@@ -140,16 +141,12 @@ def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
         raise ValueError(f"The rows of a part must be in order, from {start} to {stop - 1}.")
 
 
-def checked_records(
-    frame: pd.DataFrame,
-    number: int,
-    layout: Layout,
-    quantities: Mapping[str, Mapping[str, Any]] | None = None,
-) -> ArrowPart:
-    """Convert a block's records to Arrow as `arrow_part` does, after a check that no row is missing.
+def checked_counts(frame: pd.DataFrame, number: int, layout: Layout) -> dict[str, int]:
+    """Count the rows of a block by status, after a check that none is missing.
 
     Args:
-        frame, number, quantities: as for `arrow_part`.
+        frame: the records, in the order of their rows.
+        number: the block.
         layout: that of the table.
 
     Raises:
@@ -162,7 +159,14 @@ def checked_records(
     counts = _count_statuses(frame)
     if (rows := sum(counts.values())) != stop - start:
         raise ValueError(f"The statuses of part {number} count {rows} rows, not {stop - start}.")
-    return arrow_part(frame, number, layout.job_hash, counts, quantities)
+    return counts
+
+
+def checked_records(
+    frame: pd.DataFrame, number: int, layout: Layout, quantities: Mapping[str, Mapping[str, Any]] | None
+) -> ArrowPart:
+    """Convert a block's records to Arrow as `arrow_part` does, after the check of `checked_counts`."""
+    return arrow_part(frame, number, layout.job_hash, checked_counts(frame, number, layout), quantities)
 
 
 def arrow_part(
@@ -190,7 +194,7 @@ def arrow_part(
         if isinstance(values.dtype, pd.CategoricalDtype):
             categories[column] = [str(category) for category in values.cat.categories]
             arrays.append(_text(values.cat.codes.to_numpy(), categories[column]))
-        elif column in _CATEGORICAL:
+        elif column in CATEGORICAL:
             categories[column] = sorted({str(value) for value in values.dropna()})
             arrays.append(pa.Array.from_pandas(values, type=pa.string()))
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from gaitsweep.table.digests import digest_of
 from gaitsweep.table.examination import Examination
 from gaitsweep.table.frames import PartRecords, SharedDict, joined_parts, shared
 from gaitsweep.table.manifest import FIGURES, JOB, Layout, is_job, read_manifest
-from gaitsweep.table.parquet_parts import Footer
 
 Rows = slice | range | ArrayLike
 
@@ -71,7 +70,7 @@ class Snapshot:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of ended rows by status."""
-        return add_counts(self.files.footers.values())
+        return added_counts(footer.counts for footer in self.files.footers.values())
 
     @property
     def rows_done(self) -> int:
@@ -128,11 +127,11 @@ def _refuse_faults(files: Examination) -> None:
     raise TableError(f"{faults[0].sentence}{others}{advice}")
 
 
-def add_counts(footers: Iterable[Footer]) -> dict[str, int]:
+def added_counts(counts_of_parts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the numbers of rows by status over some parts, the most frequent status first."""
     total: collections.Counter[str] = collections.Counter()
-    for footer in footers:
-        total.update(footer.counts)
+    for counts in counts_of_parts:
+        total.update(counts)
     return dict(sorted(total.items(), key=lambda item: (-item[1], item[0])))
 
 
@@ -172,11 +171,22 @@ class Selection:
 
     def records_of(self, table: pa.Table) -> pa.Table:
         """Return the selected records of a part."""
-        row = table.column("row").to_numpy()
+        selected = self._selected(table.column("row").to_numpy())
         if self.columns is not None:
             table = table.select([name for name in table.column_names if name in self.columns])
+        return table if selected is None else table.filter(pa.array(selected))
+
+    def records_of_frame(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Return the selected records of a block."""
+        selected = self._selected(frame["row"].to_numpy())
+        if self.columns is not None:
+            frame = pd.DataFrame(frame, columns=[name for name in frame if name in self.columns])
+        return frame if selected is None else frame.loc[selected]
+
+    def _selected(self, row: np.ndarray) -> np.ndarray | None:
+        """The mask (n,) of the selected records among those of rows (n,) in order; None: all of them."""
         if self.rows is None or not row.size:
-            return table
+            return None
         if isinstance(self.rows, range):
             wanted = self.rows
             selected = (row >= wanted.start) & (row < wanted.stop)
@@ -184,7 +194,7 @@ class Selection:
         else:
             of_part = slice(*np.searchsorted(self.rows, [row[0], row[-1] + 1]))
             selected = np.isin(row, self.rows[of_part])
-        return table if selected.all() else table.filter(pa.array(selected))
+        return None if selected.all() else selected
 
 
 def _snapshot(

@@ -12,6 +12,9 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.engine.sweep import engine_choice, lane_scheduler
 from gaitsweep.examples.hopper import Hopper
+from gaitsweep.table import MemoryTable
+from gaitsweep.table.manifest import Layout
+from tests.support.toy_directories import block_frame, open_toy
 
 OF_A_DIRECTORY = {"path"}
 OF_A_RUN = {"created", "timings", "sha256"}
@@ -68,3 +71,62 @@ def test_a_table_without_a_manifest_is_named() -> None:
     for asked in (lambda: result.manifest, result.job):
         with pytest.raises(gs.ArgumentError, match=r"no manifest in its \.attrs.* gs\.concat"):
             asked()
+
+
+def _none_of(categories: list[str], rows: int) -> pd.Categorical:
+    return pd.Categorical([None] * rows, categories)
+
+
+# A column of the blocks of 4, 4 and 2 rows of a table; a block whose column is None lacks it.
+COLUMNS: dict[str, list[Any]] = {
+    "whole numbers": [np.arange(4), np.arange(4), np.arange(2)],
+    "single precision": [np.arange(n, dtype=np.float32) for n in (4, 4, 2)],
+    "flags": [np.arange(n) > 1 for n in (4, 4, 2)],
+    "flags in some blocks": [np.arange(4) > 1, None, np.arange(2) > 1],
+    "numbers in some blocks": [None, np.array([1.0, np.nan, 2.0, 3.0]), None],
+    "whole numbers, then others": [np.arange(4), np.arange(4.0) / 3, np.arange(2)],
+    "names of one block": [_none_of([], 4), pd.Categorical(["b", None, "a", "b"]), _none_of([], 2)],
+    "names in another order": [pd.Categorical([*"ab"] * 2, [*order]) for order in ("ab", "ba")]
+    + [_none_of([*"ba"], 2)],
+    "no names": [_none_of([], n) for n in (4, 4, 2)],
+    "text": [["x", None, "y", "x"], ["z"] * 4, [None, "x"]],
+    "ordered names": [pd.Categorical(["b"] * n, ["b", "a"], ordered=True) for n in (4, 4, 2)],
+    "several records of a row": [np.arange(7), np.arange(4), np.arange(2)],
+}
+
+
+@pytest.mark.parametrize("column", COLUMNS.values(), ids=COLUMNS)
+def test_blocks_in_memory_give_the_table_of_a_directory(column: list[Any], tmp_path: Path) -> None:
+    """The values, types and categories, in whatever order the blocks end."""
+    frames = {}
+    with open_toy(tmp_path / "toy") as directory:
+        for number, values in enumerate(column):
+            frame = block_frame(*directory.layout.rows_of(number))
+            if values is not None:
+                more = np.zeros(len(values) - len(frame), int)
+                places = np.sort(np.concatenate([np.arange(len(frame)), more]))
+                frame = frame.iloc[places].reset_index(drop=True).assign(column=values)
+            directory.write_part(number, frame)
+            frames[number] = frame
+        memory = MemoryTable(directory.manifest["job"], directory.layout)
+        for number in (1, 2, 0):
+            memory.write_encoded(number, memory.encoded(number, frames[number].copy()))
+        assert memory.tally("gait") == directory.tally("gait")
+    stored: Any = gs.load(tmp_path / "toy")
+    for table in (memory.load(), memory.load(slice(3, 9)), memory.load(last=True)):
+        table.attrs.clear()
+        rows = stored[stored["row"].isin(table["row"])].reset_index(drop=True)
+        pd.testing.assert_frame_equal(table, rows, check_exact=True)
+    (part,) = memory.load_parts(["column", "gait"])
+    pd.testing.assert_frame_equal(part, stored[["column", "gait"]], check_exact=True)
+
+
+def test_records_that_a_table_in_memory_returns_are_the_callers() -> None:
+    """Those of `load` may be changed while the run goes on."""
+    layout = Layout("abc" * 20, 10, 4)
+    memory = MemoryTable({}, layout)
+    for number in layout.blocks:
+        memory.write_encoded(number, memory.encoded(number, block_frame(*layout.rows_of(number))))
+    table = memory.load()
+    table.loc[:, "psi_1_end"] = 7.0
+    assert not (memory.load()["psi_1_end"].to_numpy() == 7.0).any()

@@ -82,6 +82,8 @@ def end_values(rows: RowOutcome, which: int | slice = slice(None)) -> Float[np.n
         rows: the rows.
         which: the place of one observable, whose values (n,) are returned; by default all.
     """
+    if np.all(rows.record_counts == 1):
+        return rows.samples[:, which]
     values = rows.last[:, which].copy()
     values[rows.place] = rows.samples[:, which]
     return values

@@ -26,6 +26,7 @@ from gaitsweep.row_outcome import RowOutcome
 # memory is lost as a whole anyway, so it has fewer blocks.
 _SMALL_BLOCK = 1024
 _LARGE_BLOCK = 32_768
+_LARGE_IN_MEMORY = 65_536
 _USUAL_BLOCKS = 64
 _USUAL_IN_MEMORY = 16
 _MAX_BLOCKS = 500
@@ -43,17 +44,20 @@ def rows_of_a_block(block: int | Literal["auto"], n_rows: int, *, in_memory: boo
     """
     if block != "auto":
         return block
-    usual = _USUAL_IN_MEMORY if in_memory else _USUAL_BLOCKS
-    least = max(min(n_rows / usual, _LARGE_BLOCK), n_rows / _MAX_BLOCKS, _SMALL_BLOCK)
+    usual, large = (_USUAL_IN_MEMORY, _LARGE_IN_MEMORY) if in_memory else (_USUAL_BLOCKS, _LARGE_BLOCK)
+    least = max(min(n_rows / usual, large), n_rows / _MAX_BLOCKS, _SMALL_BLOCK)
     return _SMALL_BLOCK * 2 ** math.ceil(math.log2(least / _SMALL_BLOCK))
 
 
 def as_slice(places: Int[np.ndarray, " places"]) -> Int[np.ndarray, " places"] | slice:
     """The slice of places (n,) that rise evenly, with which arrays are copied faster; else the places."""
+    if not places.size:
+        return slice(0)
     step = int(places[1] - places[0]) if places.size > 1 else 1
-    if step < 1 or np.any(np.diff(places) != step):
+    first, last = int(places[0]), int(places[-1])
+    if step < 1 or last - first != step * (places.size - 1) or np.any(places[1:] - places[:-1] != step):
         return places
-    return slice(int(places[0]), int(places[-1]) + 1, step) if places.size else slice(0)
+    return slice(first, last + 1, step)
 
 
 class Block:
@@ -121,7 +125,11 @@ class Block:
             ended: mask (n,) of the rows that have ended.
         """
         filled = output.filled[lanes]
-        if filled.any():
+        most = filled.max(initial=0)
+        if most == 1:
+            sampled = filled == 1
+            self._samples[1].append((rows[sampled], np.array(output.buffers[as_slice(lanes[sampled]), 0])))
+        elif most:
             place = np.arange(filled.sum()) - np.repeat(np.cumsum(filled) - filled, filled)
             self._samples[1].append(
                 (np.repeat(rows, filled), output.buffers[np.repeat(lanes, filled), place])
@@ -169,9 +177,13 @@ def _in_order(parts: Sequence[_Samples], width: int) -> _Samples:
     if not filled:
         return np.zeros(0, np.int64), np.zeros((0, width))
     owners, samples = zip(*filled, strict=True)
-    owner = np.concatenate(owners)
+    owner, sample = (
+        arrays[0] if len(arrays) == 1 else np.concatenate(arrays) for arrays in (owners, samples)
+    )
+    if np.all(owner[:-1] <= owner[1:]):
+        return owner, sample
     order = np.argsort(owner, kind="stable")
-    return owner[order], np.concatenate(samples)[order]
+    return owner[order], sample[order]
 
 
 # The code of a gait that was not read.
@@ -216,17 +228,25 @@ def _read_labels(
     batches = []
     for first in range(0, max(readings.rows.size, 1), width):
         part = slice(first, first + width)
-        count = readings.rows[part].size
-        # batches are filled up with the first row, so that their size is constant
-        rows = np.zeros(width, np.int64)
-        times = np.zeros(width)
-        observed = np.zeros((width, readings.observed.shape[1]))
-        rows[:count] = readings.rows[part]
-        times[:count] = readings.t[part]
-        observed[:count] = np.where(readings.readable[part, None], readings.observed[part], 0.0)
-        labels = label({name: column[rows] for name, column in values.items()}, times, observed)
+        rows, times = readings.rows[part], readings.t[part]
+        observed = np.where(readings.readable[part, None], readings.observed[part], 0.0)
+        count = rows.size
+        # filled up with the first row, so that the size of batches is constant
+        rows, times, observed = (_filled_up(column, width) for column in (rows, times, observed))
+        of_rows = as_slice(rows)
+        labels = label({name: column[of_rows] for name, column in values.items()}, times, observed)
         batches.append({name: np.asarray(column)[:count] for name, column in labels.items()})
+    if len(batches) == 1:
+        return batches[0]
     return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
+
+
+def _filled_up(column: Real[np.ndarray, "rows ..."], width: int) -> Real[np.ndarray, "width ..."]:
+    """A column with zeros after its rows."""
+    lacking = width - len(column)
+    return (
+        np.concatenate([column, np.zeros((lacking, *column.shape[1:]), column.dtype)]) if lacking else column
+    )
 
 
 def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *readings"]:

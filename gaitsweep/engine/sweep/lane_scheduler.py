@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -68,6 +69,8 @@ class LaneScheduler:
         self.cycles = 0
         self._waiting = list(blocks)[::-1]
         self._newest: Block | None = None
+        self._next: Future[Block] | None = None  # the block after the newest one, made in a thread
+        self._making = ThreadPoolExecutor(1)
         # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
         self._running: dict[Future[TimedChunk], LaneGroup] = {}
@@ -119,6 +122,7 @@ class LaneScheduler:
 
     def shut_down(self) -> None:
         """Wait for running chunks."""
+        self._making.shutdown(cancel_futures=True)
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
@@ -147,15 +151,26 @@ class LaneScheduler:
     def _next_block(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
         while self._newest is None or self._newest.opened == self._newest.waiting.size:
-            if not self._waiting:
+            if self._next is None:
+                self._make_next()
+            if self._next is None:
                 return None
-            number = self._waiting.pop()
-            self._newest = Block(self.spec, number, self._restored.pop(number, None))
+            self._newest = self._next.result()
+            self._make_next()
+            number = self._newest.number
             self.open[number] = self._newest
             # the earlier run was killed after its last row and before its part was written
             if self._newest.missing == 0:
                 self.complete.append(number)
         return self._newest
+
+    def _make_next(self) -> None:
+        """Begin to make the next block in a thread, if there is one."""
+        self._next = None
+        if self._waiting:
+            number = self._waiting.pop()
+            restored = self._restored.pop(number, None)
+            self._next = self._making.submit(copy_context().run, Block, self.spec, number, restored)
 
     def _collect(self, group: LaneGroup, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
@@ -173,8 +188,11 @@ class LaneScheduler:
     ) -> None:
         """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
         changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
-        changed = changed[np.argsort(group.block_of[changed], kind="stable")]
-        lanes_of_blocks = np.split(changed, np.flatnonzero(np.diff(group.block_of[changed])) + 1)
+        number = group.block_of[changed]
+        if np.any(number[1:] < number[:-1]):
+            changed = changed[np.argsort(number, kind="stable")]
+            number = group.block_of[changed]
+        lanes_of_blocks = np.split(changed, np.flatnonzero(number[1:] != number[:-1]) + 1)
         for lanes in lanes_of_blocks if changed.size else ():
             block = self.open[int(group.block_of[lanes[0]])]
             block.collect(output, lanes, group.row_of[lanes], has_ended[lanes])
