@@ -166,18 +166,23 @@ def _file_of_cards() -> Path | None:
         return None
     _cards_known = True
     try:
-        from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
-        from cuda.core import Device as Card  # pyright: ignore[reportMissingImports]
-
-        cards = [card.name for card in Card.get_all_devices()]
-        version = [str(number) for number in driver.cuDriverGetVersion()]
+        cards = _cards_and_driver()
     except Exception:  # its type depends on the package and its version; JAX then says what is missing
         return None
     variables = {
         name: os.environ.get(name) for name in ("JAX_PLATFORMS", "LD_LIBRARY_PATH", "CUDA_VISIBLE_DEVICES")
     }
-    deciding = (cards, version, jax_version(), sorted(accelerators.items()), sorted(variables.items()))
+    deciding = (*cards, jax_version(), sorted(accelerators.items()), sorted(variables.items()))
     return folder / f"devices_{hashlib.sha256(repr(deciding).encode()).hexdigest()[:32]}"
+
+
+@functools.cache
+def _cards_and_driver() -> tuple[list[str], list[str]]:
+    """The names of the cards of this process, and the version of their driver."""
+    from cuda.bindings import driver  # pyright: ignore[reportMissingImports]
+    from cuda.core import Device as Card  # pyright: ignore[reportMissingImports]
+
+    return [card.name for card in Card.get_all_devices()], [str(n) for n in driver.cuDriverGetVersion()]
 
 
 @functools.cache

@@ -94,6 +94,8 @@ def before_jax(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str
         monkeypatch.setenv("JAX_PLATFORMS", requested)
         monkeypatch.setattr(devices, "_accelerators", lambda: dict.fromkeys(plugins, "1.0"))
         monkeypatch.setattr(devices, "_cards_known", False)
+        # each look is one of another process
+        monkeypatch.setattr(devices, "_cards_and_driver", devices._cards_and_driver.__wrapped__)
         monkeypatch.setattr(devices, "cache_folder", lambda name: tmp_path)
         monkeypatch.setattr(jax, "local_devices", lambda: of_jax)
         assert devices._known_devices() is None  # once JAX is imported, it is asked

@@ -288,8 +288,12 @@ class CpuLanes(KernelLanes):
     def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
         lanes = np.flatnonzero(fresh)
         opened = self.opened(params, starts, lanes)
-        tile, lane = np.divmod(lanes, cpu_program.TILE)
-        self._slots[tile, : opened.slots.shape[1], lane] = opened.slots
+        tiles, used, size = len(self._slots), opened.slots.shape[1], cpu_program.TILE
+        if lanes.size == tiles * size:  # all of them, which a copy takes less time for than a selection
+            self._slots[:, :used] = opened.slots.reshape(tiles, size, used).transpose(0, 2, 1)
+        else:
+            tile, lane = np.divmod(lanes, size)
+            self._slots[tile, :used, lane] = opened.slots
         if self.kernel.width:
             self._buffers[lanes[opened.keeps], 0] = opened.samples[opened.keeps]
 

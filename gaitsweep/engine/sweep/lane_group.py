@@ -7,7 +7,7 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int, Real
+from jaxtyping import Bool, Int, Real
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
 from gaitsweep.engine.sweep.blocks_of_rows import Block, as_slice
@@ -139,11 +139,12 @@ class LaneGroup:
         self._params: dict[str, Real[np.ndarray, "lanes ..."]] = {}
         self._starts: dict[str, Real[np.ndarray, "lanes ..."]] = {}
         self._fresh = np.zeros(self.size, bool)
+        self._occupied = 0  # lanes with a row
 
     @property
     def busy(self) -> bool:
         """Whether any lane has a row."""
-        return bool(np.any(self.block_of != IDLE))
+        return self._occupied > 0
 
     def place(
         self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
@@ -159,11 +160,17 @@ class LaneGroup:
         self.block_of[to_lanes] = block.number
         self.row_of[to_lanes] = rows
         self._fresh[to_lanes] = True
+        self._occupied += rows.size
         for of_lanes, of_rows in ((self._params, block.params), (self._starts, block.starts)):
             if not of_lanes:  # idle lanes are computed as well, with the values of the first row
                 of_lanes |= {n: np.repeat(column[:1], self.size, axis=0) for n, column in of_rows.items()}
             for name, values in of_lanes.items():
                 values[to_lanes] = of_rows[name][from_rows]
+
+    def free(self, has_ended: Bool[np.ndarray, " lanes"]) -> None:
+        """Take the rows out of the lanes of a mask (size,), all of which have one."""
+        self.block_of[has_ended] = IDLE
+        self._occupied -= int(np.count_nonzero(has_ended))
 
     def reopen_all(self) -> None:
         """Open the rows of all lanes again, as if none of them had begun."""

@@ -198,7 +198,7 @@ class LaneScheduler:
             block.collect(output, lanes, group.row_of[lanes], has_ended[lanes])
             if block.missing == 0:
                 self.complete.append(block.number)
-        group.block_of[has_ended] = IDLE
+        group.free(has_ended)
 
     def _count_rows(
         self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask, has_ended: _LaneMask
