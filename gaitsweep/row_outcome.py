@@ -134,7 +134,7 @@ class RowOutcome:
 
         Args:
             which: the places of the rows (m,), or their slice.
-            numbers: their numbers, (m, ...) each, by name.
+            numbers: their numbers, (m, ...) each, by name; those of all rows may be kept without a copy.
 
         Raises:
             ValueError: a number has another shape than its recorder declares.
@@ -148,7 +148,7 @@ class RowOutcome:
                     f"{name} is declared with the shape {own.shape[1:]} in a row, but has {values.shape[1:]}."
                 )
             if isinstance(which, slice) and which == slice(0, self.row.size, 1):
-                own = np.array(values, own.dtype)
+                own = np.asarray(values, own.dtype)
             else:
                 own = own if own.flags.writeable else own.copy()
                 own[which] = values

@@ -18,6 +18,7 @@ from gaitsweep.engine.kernel.gpu_program import LaneKernels, RunKernel
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.stored_traces import dependences
+from gaitsweep.engine.sweep.blocks_of_rows import as_slice
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
@@ -134,8 +135,9 @@ class CudaLanes(KernelLanes):
     ) -> Iterator[np.ndarray]:
         """The inputs (opened,) of the function that opens the trajectories of some lanes, in order."""
         if self._lane_kernels.from_row:
+            which = as_slice(lanes)
             for names, columns in zip(self.kernel.names, (params, starts), strict=True):
-                yield from (columns[name][lanes] for name in names)
+                yield from (columns[name][which] for name in names)
         else:
             opened = self.opened(params, starts, lanes)
             yield from (*opened.slots.T, *opened.samples.T, opened.keeps)

@@ -25,6 +25,7 @@ from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_traces import stored
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, Opened, RowDrive, Values, started_row
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.row_outcome import ENGINE_NUMBERS
 from gaitsweep.status import Status
 
 # Operations beyond which the host opens rows for a card too: NVRTC takes 5 s to compile 4 000 operations and
@@ -233,6 +234,7 @@ class KernelLanes(Lanes):
         self.at_a_time = spec.lanes
         self.kernel = kernel_of(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._dtype = np.dtype(spec.numerics.dtype)
+        self._dtypes = {n.name: np.dtype(n.dtype) for n in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
 
     def opened(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> OpenedRows:
         """The opened rows of some lanes, from the parameters and the initial conditions of all lanes."""
@@ -243,11 +245,14 @@ class KernelLanes(Lanes):
     def output(self, read_slots: Callable[[slice], Real[np.ndarray, "slots lanes"]]) -> ChunkOutput:
         """The output of a chunk without its buffers; `read_slots` returns the values of successive slots."""
 
-        def read(leaf: Leaf) -> Real[np.ndarray, "lanes ..."]:
+        def read(name: str, leaf: Leaf) -> Real[np.ndarray, "lanes ..."]:
             values = read_slots(slice(leaf.first, leaf.first + leaf.size))
-            return np.moveaxis(values.reshape(*leaf.shape, self.size), -1, 0)
+            of_lanes = np.moveaxis(values.reshape(*leaf.shape, self.size), -1, 0)
+            dtype = self._dtypes.get(name)
+            # copied here, in the thread of the device, since blocks keep these numbers
+            return of_lanes if dtype is None else np.array(of_lanes, dtype)
 
-        numbers = {name: read(leaf) for name, leaf in self.kernel.leaves.items()}
+        numbers = {name: read(name, leaf) for name, leaf in self.kernel.leaves.items()}
         filled = numbers.pop("filled").astype(np.int32)
         samples = numbers.pop("samples").astype(np.int32)
         return ChunkOutput(numbers, filled, samples, np.zeros((self.size, 0, self.kernel.width)))
