@@ -111,8 +111,9 @@ def _run(platform: str, arguments: list[str]) -> Command:
             fields = [word for field in arguments for word in ("--set", field)]
             command = [sys.executable, "-m", "gaitsweep", "run", str(JOB), "--out", f"{folder}/run", *fields]
             began = time.perf_counter()
-            platforms = {"JAX_PLATFORMS": "cpu" if platform == "cpu" else f"{platform},cpu"}
-            done = subprocess.run(command, env=os.environ | platforms, capture_output=True)
+            environment = os.environ | {"JAX_PLATFORMS": "cpu" if platform == "cpu" else f"{platform},cpu"}
+            environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it, Python compiles all modules each time
+            done = subprocess.run(command, env=environment, capture_output=True)
             whole = time.perf_counter() - began
             if done.returncode:
                 sys.exit(done.stderr.decode())
