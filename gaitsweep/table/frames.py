@@ -207,8 +207,10 @@ def outcomes(gait: pd.Categorical, status: ArrayLike) -> pd.Categorical:
     """Return the column `outcome`: the gait of each row (n,), or the reason why it has none."""
     names = list(dict.fromkeys([*gait.categories, *map(str, Outcome)]))
     codes = np.where(gait.codes < 0, names.index(Outcome.NO_GAIT), gait.codes.astype(np.int32))
-    codes = np.where(Status.SOUND.among(status), codes, names.index(Outcome.FAILED))
-    codes = np.where(Status.UNDECIDED.among(status), names.index(Outcome.NOT_SETTLED), codes)
+    is_sound = Status.SOUND.among(status)
+    if not is_sound.all():
+        codes = np.where(is_sound, codes, names.index(Outcome.FAILED))
+        codes = np.where(Status.UNDECIDED.among(status), names.index(Outcome.NOT_SETTLED), codes)
     return categorical(codes, names)
 
 

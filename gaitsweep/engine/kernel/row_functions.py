@@ -180,7 +180,15 @@ def _by_kernel(kernel: Any, arrays: Any, results: Any) -> Callable[..., Any]:
 
     kernel = RowKernel(*kernel)
     run = running(kernel)
-    return lambda *trees: _arrays(_in_parts(run, _columns(trees), kernel.outputs), arrays, results)
+
+    def of_rows(*trees: Any) -> Any:
+        columns = _columns(trees)
+        if kernel.read:
+            return _arrays(_in_parts(run, columns, kernel.outputs), arrays, results)
+        one = _in_parts(run, [column[:1] for column in columns], kernel.outputs)  # the same for all rows
+        return _arrays(np.repeat(one, len(columns[0]), axis=0), arrays, results)
+
+    return of_rows
 
 
 def _in_parts(
