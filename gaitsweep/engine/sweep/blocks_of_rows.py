@@ -228,11 +228,10 @@ def _read_labels(
     batches = []
     for first in range(0, max(readings.rows.size, 1), width):
         part = slice(first, first + width)
-        rows, times, observed = readings.rows[part], readings.t[part], readings.observed[part]
+        rows, times = readings.rows[part], readings.t[part]
         count = rows.size
-        if not readings.readable[part].all():
-            observed = observed.copy()
-            observed[~readings.readable[part]] = 0.0
+        observed = np.zeros((readings.observed.shape[1], count)).T
+        np.copyto(observed, readings.observed[part], where=readings.readable[part, None])
         # filled up with the first row, so that the size of batches is constant
         rows, times, observed = (_filled_up(column, width) for column in (rows, times, observed))
         of_rows = as_slice(rows)
