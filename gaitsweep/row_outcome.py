@@ -97,7 +97,7 @@ class RowOutcome:
     def empty(
         cls, row: Int[np.ndarray, " rows"], numbers: Sequence[RowNumber], observables: int, width: int = 0
     ) -> RowOutcome:
-        """Rows without results, whose numbers take no memory before a row has its own.
+        """Rows without results, whose numbers are read-only and take no memory before a row has its own.
 
         Args:
             row: the numbers (n,) of the rows in their table.
@@ -148,9 +148,9 @@ class RowOutcome:
                     f"{name} is declared with the shape {own.shape[1:]} in a row, but has {values.shape[1:]}."
                 )
             if isinstance(which, slice) and which == slice(0, self.row.size, 1):
-                own = np.asarray(values, own.dtype)
+                own = np.require(values, own.dtype, "W")
             else:
-                own = own if own.flags.writeable else own.copy()
+                own = np.require(own, requirements="W")
                 own[which] = values
             self.numbers[name] = own
 

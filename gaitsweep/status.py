@@ -61,7 +61,7 @@ class StatusNames(frozenset[str]):
 @functools.lru_cache(maxsize=256)
 def _known(names: StatusNames, categories: tuple[object, ...]) -> Bool[np.ndarray, " categories"]:
     """Whether each category is one of the names, and false for a missing one, whose code is -1."""
-    return np.array([*(category in names for category in categories), False])
+    return np.append(names.among(np.asarray(categories)), False)
 
 
 class _StatusesWith:

@@ -153,8 +153,9 @@ class Refinement:
             return np.full(rows.size, np.nan if dtype.kind == "f" else 0, dtype)
 
         fields = {quantity.name: no_values(quantity.name) for quantity in model.label_fields}
-        nothing = RowOutcome.empty(rows, self.context.spec.recorder.numbers, len(model.observables))
-        nothing.numbers["status"] = np.full_like(nothing.status, Status.inferred)
+        numbers = self.context.spec.recorder.numbers
+        nothing = RowOutcome.empty(rows, numbers, len(model.observables)).take(np.arange(rows.size))
+        nothing.status[:] = Status.inferred
         labels = {"gait": gaits, **fields}
         return self.context.table(dataclasses.replace(nothing, labels=labels))
 

@@ -21,7 +21,7 @@ from gaitsweep.table.atomic_files import TableError
 from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parquet_parts import CATEGORICAL, Footer
 
-_MOST_SEPARATE = 60  # columns of a table that are not joined to blocks of one type
+MOST_SEPARATE = 40  # columns of a table in memory that are not joined to blocks of one type
 _TEXT = pd.Index([""]).dtype  # of categories, which depends on the version of pandas
 
 
@@ -107,7 +107,7 @@ def joined_frames(frames: Sequence[pd.DataFrame]) -> pd.DataFrame | None:
 class RowColumns:
     """Columns of a table with one record for each row, which blocks fill in any order.
 
-    They take memory once, and no time at the end, when the blocks' own records would have to be joined.
+    They take memory once, where the blocks' own records would have to be joined.
 
     Args:
         frame: the records of one block, which decide the types.
@@ -118,9 +118,7 @@ class RowColumns:
         self._dtypes = dict(frame.dtypes)
         self._columns: dict[Any, np.ndarray] = {}
         if _are_as_stored(frame):
-            self._columns = {
-                name: np.empty(rows, _plain_values(column).dtype) for name, column in frame.items()
-            }
+            self._columns = {name: np.empty(rows, _plain(column).dtype) for name, column in frame.items()}
 
     def fill(self, frame: pd.DataFrame, start: int, stop: int) -> bool:
         """Copy the records of rows `start` to `stop - 1`, and return True; or False if they do not fit.
@@ -128,32 +126,39 @@ class RowColumns:
         They do not fit if a row has several records, or a column or its categories differ.
         """
         dtypes = dict(frame.dtypes)
-        same = list(dtypes) == list(self._dtypes) and all(
-            dtype is self._dtypes[name] or (isinstance(dtype, np.dtype) and dtype == self._dtypes[name])
-            for name, dtype in dtypes.items()
-        )
-        if not self._columns or not same or len(frame) != stop - start:
+        if not self._columns or list(dtypes) != list(self._columns) or len(frame) != stop - start:
+            return False
+        if not all(map(_are_same, dtypes.values(), self._dtypes.values())):
             return False
         for name, column in frame.items():
-            self._columns[name][start:stop] = _plain_values(column)
+            self._columns[name][start:stop] = _plain(column)
         return True
 
-    def frame(self, start: int, stop: int) -> pd.DataFrame:
-        """Return the records of rows `start` to `stop - 1`, whose values are those of the columns."""
+    def frame(self, start: int, stop: int, names: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return the records of rows `start` to `stop - 1`, without copying the values.
+
+        Args:
+            start, stop: the rows.
+            names: the columns, of which those are left out that there are not; all by default.
+        """
         columns: dict[Any, Any] = {}
-        for name, values in self._columns.items():
-            dtype = self._dtypes[name]
+        for name in self._columns if names is None else (name for name in names if name in self._columns):
+            part, dtype = self._columns[name][start:stop], self._dtypes[name]
             is_text = isinstance(dtype, pd.CategoricalDtype)
-            part = values[start:stop]
             columns[name] = pd.Categorical.from_codes(part, dtype=dtype) if is_text else part
-        frame = pd.DataFrame(columns, copy=False)
-        # pandas warns where a column is added to a table that has too many separate ones
-        return frame if len(columns) <= _MOST_SEPARATE else frame.copy()
+        return pd.DataFrame(columns, copy=False)
 
 
-def _plain_values(column: pd.Series) -> np.ndarray:
+def _plain(column: pd.Series) -> np.ndarray:
     """Return the values of a column, or its codes."""
     return column.cat.codes.to_numpy() if isinstance(column.dtype, pd.CategoricalDtype) else column.to_numpy()
+
+
+def _are_same(dtype: Any, other: Any) -> bool:
+    """Return whether two columns have one type, with the same categories in the same order."""
+    if isinstance(dtype, pd.CategoricalDtype) and isinstance(other, pd.CategoricalDtype):
+        return dtype is other or (dtype == other and list(dtype.categories) == list(other.categories))
+    return dtype == other
 
 
 def _kind_of(dtype: Any) -> Any:
@@ -163,15 +168,16 @@ def _kind_of(dtype: Any) -> Any:
 
 def _are_as_stored(frame: pd.DataFrame) -> bool:
     """Return whether Arrow gives all columns back as they are."""
-    return all(
-        dtype.categories.dtype == _TEXT and not dtype.ordered
-        if isinstance(dtype, pd.CategoricalDtype)
-        else isinstance(dtype, np.dtype)
-        and dtype.kind in "iufb"
-        and dtype.itemsize <= 8
-        and name not in CATEGORICAL
-        for name, dtype in frame.dtypes.items()
-    )
+
+    def is_as_stored(name: str, dtype: Any) -> bool:
+        if isinstance(dtype, pd.CategoricalDtype):
+            categories = dtype.categories
+            is_text = categories.dtype == _TEXT and all(type(category) is str for category in categories)
+            return is_text and not dtype.ordered
+        is_number = isinstance(dtype, np.dtype) and dtype.kind in "iufb" and dtype.isnative
+        return is_number and dtype.itemsize <= 8 and name not in CATEGORICAL
+
+    return all(map(is_as_stored, frame.columns, frame.dtypes))
 
 
 def with_same_categories(frames: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:

@@ -8,11 +8,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from gaitsweep import near_miss
 from gaitsweep.table.atomic_files import TableError
-from gaitsweep.table.frames import PartRecords, RowColumns, SharedDict, joined_frames, joined_parts, shared
+from gaitsweep.table.frames import (
+    MOST_SEPARATE,
+    PartRecords,
+    RowColumns,
+    SharedDict,
+    joined_frames,
+    joined_parts,
+    shared,
+)
 from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
 from gaitsweep.table.parquet_parts import arrow_part, checked_counts, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, added_counts
@@ -66,9 +75,10 @@ class MemoryTable:
             return self.counts()
         of_parts = self._tallies.setdefault(column, {})
         for number, part in list(self._parts.items()):
-            if number not in of_parts and column in (records := self._records(number, part)):
-                counts = records[column].value_counts()
-                of_parts[number] = {str(name): int(count) for name, count in counts.items() if count}
+            if number not in of_parts and column in (records := self._records(number, part, [column])):
+                codes, names = pd.factorize(records[column])  # in the order of their first records
+                counts = np.bincount(codes[codes >= 0], minlength=len(names))
+                of_parts[number] = dict(zip(names.tolist(), counts.tolist(), strict=True))
         tally: collections.Counter[str] = collections.Counter()
         for counts in of_parts.values():
             tally.update(counts)
@@ -80,7 +90,11 @@ class MemoryTable:
         with self._lock:
             self._columns = self._columns or RowColumns(frame, self.layout.rows)
         filled = self._columns.fill(frame, *self.layout.rows_of(number))
-        return FramePart(None if filled else frame, counts)
+        if filled:
+            return FramePart(None, counts)
+        records = frame.copy(deep=False)
+        records.attrs = {}  # pandas would compare those of all blocks
+        return FramePart(records, counts)
 
     def write_encoded(self, number: int, part: FramePart) -> None:
         """Add a block that `encoded` has checked."""
@@ -99,9 +113,14 @@ class MemoryTable:
 
         Args:
             rows: the rows; None: all.
-            last: give the records away, so that they are not in memory twice.
+            last: give the records away, so that they are not in memory twice if they fill columns.
         """
-        frame = self._frame(None, rows, is_copy=not last)
+        selection = Selection.of(None, rows, self.layout.rows)
+        blocks = {number: selection.records_of_frame(block) for number, block in self._blocks()}
+        frame = self._joined(blocks).reset_index(drop=True)
+        # pandas warns where columns are added to a table that has too many separate ones
+        if not last or frame.shape[1] > MOST_SEPARATE:
+            frame = frame.copy()
         manifest = shared(sealed(json_value(self.manifest)))
         frame.attrs.update(
             job=manifest["job"],
@@ -115,34 +134,46 @@ class MemoryTable:
 
     def load_parts(self, columns: Sequence[str]) -> Iterator[pd.DataFrame]:
         """Yield the records of the complete table, which a reader does not change."""
-        yield self._frame(columns, None, is_copy=False)
-
-    def _records(self, number: int, part: FramePart) -> pd.DataFrame:
-        """Return the records of a block."""
-        if part.records is not None:
-            return part.records
-        assert self._columns is not None
-        return self._columns.frame(*self.layout.rows_of(number))
-
-    def _frame(self, columns: Sequence[str] | None, rows: Rows | None, *, is_copy: bool) -> pd.DataFrame:
-        """Return the records of some columns and rows; without `is_copy` they may be those of the table."""
-        selection = Selection.of(columns, rows, self.layout.rows)
-        parts = sorted(self._parts.items())
-        in_columns = None if any(part.records is not None for _, part in parts) else self._columns
-        if in_columns is None:
-            blocks = {number: self._records(number, part) for number, part in parts}
-        else:
-            blocks = {0: in_columns.frame(0, self.layout.rows)}
-        known = dict.fromkeys(name for records in blocks.values() for name in records)
-        for name in columns or ():
+        names = list(dict.fromkeys(columns))
+        blocks = dict(self._blocks(names))
+        known = {name for block in blocks.values() for name in block}
+        for name in names:
             if name not in known:
-                raise TableError(f"{name} is not a column of the table{near_miss.suggestion(name, known)}")
-        blocks = {number: selection.records_of_frame(records) for number, records in blocks.items()}
-        own = in_columns is None or is_copy
-        joined = joined_frames(list(blocks.values())) if own else blocks[0]
-        if joined is None:
-            arrow = PartRecords()
-            for number, records in blocks.items():
-                arrow.add(*arrow_part(records, number, self.layout.job_hash, {}))
-            return joined_parts(Path(), arrow, columns)
-        return joined if columns is None else pd.DataFrame(joined, columns=[*dict.fromkeys(columns)])
+                near = near_miss.suggestion(
+                    name, dict.fromkeys(n for _, block in self._blocks() for n in block)
+                )
+                raise TableError(f"{name} is not a column of the table{near}")
+        yield pd.DataFrame(self._joined(blocks), columns=names)
+
+    def _records(self, number: int, part: FramePart, names: Sequence[str] | None = None) -> pd.DataFrame:
+        """Return the records of a block, or those of these columns that it has."""
+        if part.records is None:
+            assert self._columns is not None
+            return self._columns.frame(*self.layout.rows_of(number), names)
+        if names is None:
+            return part.records
+        return pd.DataFrame(part.records, columns=[name for name in names if name in part.records])
+
+    def _blocks(self, names: Sequence[str] | None = None) -> Iterator[tuple[int, pd.DataFrame]]:
+        """Yield the records of each block as `_records` does, or of all as one if they fill columns."""
+        if self._columns is not None and self._in_columns:
+            yield 0, self._columns.frame(0, self.layout.rows, names)
+        else:
+            for number, part in sorted(self._parts.items()):
+                yield number, self._records(number, part, names)
+
+    @property
+    def _in_columns(self) -> bool:
+        """Whether the records of all rows are in the columns."""
+        parts = self._parts.values()
+        return len(parts) == len(self.layout.blocks) and all(part.records is None for part in parts)
+
+    def _joined(self, blocks: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
+        """Join the records of `_blocks`, of which none may be a copy."""
+        joined = blocks[0] if self._in_columns else joined_frames(list(blocks.values()))
+        if joined is not None:
+            return joined
+        parts = PartRecords()
+        for number, records in blocks.items():
+            parts.add(*arrow_part(records, number, self.layout.job_hash, {}))
+        return joined_parts(Path(), parts, None)

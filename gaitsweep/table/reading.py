@@ -177,10 +177,8 @@ class Selection:
         return table if selected is None else table.filter(pa.array(selected))
 
     def records_of_frame(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Return the selected records of a block."""
+        """Return the records of the selected rows of a block."""
         selected = self._selected(frame["row"].to_numpy())
-        if self.columns is not None:
-            frame = pd.DataFrame(frame, columns=[name for name in frame if name in self.columns])
         return frame if selected is None else frame.loc[selected]
 
     def _selected(self, row: np.ndarray) -> np.ndarray | None:

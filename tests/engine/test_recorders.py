@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from gaitsweep.engine.recorders.recordings import (
     FixedTimeRecorder,
     TraceRecorder,
     WindowsRecorder,
+    end_values,
 )
+from gaitsweep.row_outcome import RowOutcome
 from gaitsweep.status import Status
 from tests.support.sweeping import run_rows
 from toy_model import Toy, bounce_times, launches
@@ -144,3 +148,20 @@ def test_every_crossing_and_the_samples_of_each_window_are_kept(engine: str) -> 
     flight = np.searchsorted(bounces, t, side="right") - 1
     since, u = t - bounces[flight], speeds[flight]
     np.testing.assert_allclose(height, -D + D * np.cos(W * since) + u / W * np.sin(W * since), atol=1e-9)
+
+
+def test_labels_and_ends_of_rows_in_single_precision_are_computed_in_double() -> None:
+    """Whether or not all rows of a block have samples."""
+    in_single = Numerics(precision="float32")
+    recorder = CrossingRecorder(Toy(), 5, gaits=True)
+    rows = run_rows(Toy(), recorder, {"launch_1": [0.3, 1.3]}, numerics=in_single, engine="xla")
+    assert rows.samples.dtype == np.float32
+    after_start = rows.samples[:, 0] > 0
+    launch = rows.samples[after_start, 2].astype(float)
+    apex = np.sqrt(D**2 + (launch / W) ** 2) - D
+    np.testing.assert_allclose(rows.sample_labels["apex"][after_start], apex, rtol=1e-12)
+    for counts in ([1, 1], [1, 0]):
+        ended = RowOutcome.empty(np.arange(2), (), 1, 1)
+        samples = np.ones((sum(counts), 1), np.float32)
+        ended = dataclasses.replace(ended, record_counts=np.array(counts), samples=samples)
+        assert end_values(ended).dtype == np.float64

@@ -127,6 +127,11 @@ def test_records_that_a_table_in_memory_returns_are_the_callers() -> None:
     memory = MemoryTable({}, layout)
     for number in layout.blocks:
         memory.write_encoded(number, memory.encoded(number, block_frame(*layout.rows_of(number))))
-    table = memory.load()
-    table.loc[:, "psi_1_end"] = 7.0
-    assert not (memory.load()["psi_1_end"].to_numpy() == 7.0).any()
+    assert all(part.records is None for part in memory._parts.values())  # which fill the columns
+    for rows in (None, slice(0, 10)):
+        table = memory.load(rows)
+        table.loc[:, "psi_1_end"] = 7.0
+        table.loc[:, "gait"] = "trot"
+    unchanged: Any = memory.load()
+    assert not (unchanged["psi_1_end"] == 7.0).any()
+    assert unchanged["gait"].isna().any()

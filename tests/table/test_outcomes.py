@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gaitsweep.analysis.records import outcome_labels
+from gaitsweep.status import Status
 from gaitsweep.table import load
 from gaitsweep.table.frames import outcomes
 from tests.support.toy_directories import fill, open_toy
@@ -40,3 +41,10 @@ def test_analyses_read_the_column(tmp_path: Path) -> None:
     by_another = table.assign(outcome="a")
     by_another.attrs["outcome_of"] = "attractor"
     np.testing.assert_array_equal(outcome_labels(by_another, "gait"), worked_out)
+
+
+def test_statuses_in_categories_are_names_or_numbers() -> None:
+    numbers = pd.Series([1, 3, 2, None]).astype("category")
+    assert Status.SOUND.among(numbers).tolist() == [True, False, False, False]
+    names = pd.Series(["settled", "fell", None]).astype("category")
+    assert Status.SOUND.among(names).tolist() == [True, False, False]

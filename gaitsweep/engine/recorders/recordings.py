@@ -83,7 +83,7 @@ def end_values(rows: RowOutcome, which: int | slice = slice(None)) -> Float[np.n
         which: the place of one observable, whose values (n,) are returned; by default all.
     """
     if np.all(rows.record_counts == 1):
-        return rows.samples[:, which]
+        return rows.samples[:, which].astype(np.float64, copy=False)
     values = rows.last[:, which].copy()
     values[rows.place] = rows.samples[:, which]
     return values

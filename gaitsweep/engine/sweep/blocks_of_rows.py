@@ -35,12 +35,13 @@ _MAX_BLOCKS = 500
 def rows_of_a_block(block: int | Literal["auto"], n_rows: int, *, in_memory: bool = False) -> int:
     """Return the number of rows of a block: the chosen one, or 1024 times a power of two.
 
-    A table has about 64 blocks, or more (up to 500) to keep each block within 32 768 rows.
+    A table has about 64 blocks, or more (up to 500) to keep each block within 32 768 rows. One in memory,
+    where an interrupt loses all blocks anyway, has about 16, or more to keep each within 65 536 rows.
 
     Args:
         block: the chosen number, or "auto".
         n_rows: the number of rows of the table.
-        in_memory: whether the table is in memory, where an interrupt loses all blocks; it has about 16.
+        in_memory: whether the table is in memory.
     """
     if block != "auto":
         return block
@@ -228,7 +229,7 @@ def _read_labels(
     batches = []
     for first in range(0, max(readings.rows.size, 1), width):
         part = slice(first, first + width)
-        rows, times = readings.rows[part], readings.t[part]
+        rows, times = readings.rows[part], np.asarray(readings.t[part], np.float64)
         count = rows.size
         observed = np.zeros((readings.observed.shape[1], count)).T
         np.copyto(observed, readings.observed[part], where=readings.readable[part, None])

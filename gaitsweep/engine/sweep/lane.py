@@ -56,8 +56,8 @@ class ChunkOutput(NamedTuple):
     """The output of a chunk of attempts for the host; the first axis of each array is the lane.
 
     Attributes:
-        numbers: those of `RowOutcome` by name, final where a row has ended, which no later chunk changes; and
-            others that the recorder needs.
+        numbers: those of `RowOutcome` by name, final where a row has ended; no later chunk changes those that
+            are declared (`RowNumber`).
         filled: the number of new samples (lanes,).
         samples: the number of samples of the whole row (lanes,).
         buffers: the new samples (lanes, BUFFER, width), at the first `filled` places of each.

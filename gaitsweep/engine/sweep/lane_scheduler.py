@@ -69,8 +69,10 @@ class LaneScheduler:
         self.cycles = 0
         self._waiting = list(blocks)[::-1]
         self._newest: Block | None = None
-        self._next: Future[Block] | None = None  # the block after the newest one, made in a thread
-        self._making = ThreadPoolExecutor(1)
+        # a card ends rows as fast as blocks are made, so the next one is made in a thread
+        on_card = spec.engine == "kernel" and spec.devices[0].platform == "gpu"
+        self._making = ThreadPoolExecutor(1) if on_card else None
+        self._next: Future[Block] | None = None
         # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
         self._running: dict[Future[TimedChunk], LaneGroup] = {}
@@ -122,7 +124,8 @@ class LaneScheduler:
 
     def shut_down(self) -> None:
         """Wait for running chunks."""
-        self._making.shutdown(cancel_futures=True)
+        if self._making is not None:
+            self._making.shutdown(cancel_futures=True)
         if self._threads is not None:
             self._threads.shutdown(cancel_futures=True)
 
@@ -151,26 +154,24 @@ class LaneScheduler:
     def _next_block(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
         while self._newest is None or self._newest.opened == self._newest.waiting.size:
-            if self._next is None:
-                self._make_next()
-            if self._next is None:
+            if self._next is not None:
+                self._newest, self._next = self._next.result(), None
+            elif self._waiting:
+                self._newest = self._made(self._waiting.pop())
+            else:
                 return None
-            self._newest = self._next.result()
-            self._make_next()
-            number = self._newest.number
-            self.open[number] = self._newest
+            self.open[self._newest.number] = self._newest
+            if self._making is not None and self._waiting:
+                number = self._waiting.pop()
+                self._next = self._making.submit(copy_context().run, self._made, number)
             # the earlier run was killed after its last row and before its part was written
             if self._newest.missing == 0:
-                self.complete.append(number)
+                self.complete.append(self._newest.number)
         return self._newest
 
-    def _make_next(self) -> None:
-        """Begin to make the next block in a thread, if there is one."""
-        self._next = None
-        if self._waiting:
-            number = self._waiting.pop()
-            restored = self._restored.pop(number, None)
-            self._next = self._making.submit(copy_context().run, Block, self.spec, number, restored)
+    def _made(self, number: int) -> Block:
+        """The block with a number."""
+        return Block(self.spec, number, self._restored.pop(number, None))
 
     def _collect(self, group: LaneGroup, output: ChunkOutput) -> None:
         """Collect the output of a group's chunk."""
