@@ -131,7 +131,7 @@ def test_records_that_a_table_in_memory_returns_are_the_callers() -> None:
     for rows in (None, slice(0, 10)):
         table = memory.load(rows)
         table.loc[:, "psi_1_end"] = 7.0
-        table.loc[:, "gait"] = "trot"
+        table.loc[:, "gait"] = "source"
     unchanged: Any = memory.load()
     assert not (unchanged["psi_1_end"] == 7.0).any()
     assert unchanged["gait"].isna().any()
