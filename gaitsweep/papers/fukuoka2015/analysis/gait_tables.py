@@ -61,8 +61,8 @@ def gaits_in(
 
     Args:
         table: a trace with a signal for each leg; records of crossings with since_LF_n and so on (return
-            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` is the
-            model's own label at its own threshold.
+            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` and
+            `margin` are the model's own at its own threshold.
         signals, level, falling: for a trace, the column of each leg and its threshold, as in
             `swing_onsets.onsets_in`; by default the potentials u_f_LF, ... For feet:
             signals={"LF": "contact_1", ...}, level=0.5, falling=True.
@@ -158,7 +158,8 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
     for threshold in thresholds[1:]:
         named = np.array(CHART, object)[np.where(steady, place(*shifts, threshold), 4)]
         gaits[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(steady, named, labels), list(GAITS))
-    gaits["margin"] = margin(*shifts, thresholds[0])
+    # that of the model is to its own threshold, as the gait is
+    gaits["margin"] = table["margin"] if "margin" in table.columns else margin(*shifts, thresholds[0])
     if "gait_by_touchdowns" in table.columns:
         landed = table["gait_by_touchdowns"].astype(object).fillna("none")
         gaits["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
