@@ -315,6 +315,14 @@ def test_a_wrap_keeps_its_division() -> None:
     assert any("x0 / x1" in line for line in lines)
 
 
+@pytest.mark.parametrize("function", [lambda x, p: jnp.floor(x / p), lambda x, p: jnp.ceil(-x / p + 1.0)])
+def test_a_floor_keeps_its_division(function: Any) -> None:
+    """49 times 1 / 49 is the float below 1."""
+    number = np.float64(49.0)
+    (floor,) = executable(traced_with(function, X1, X1, steady=[False, True]))(number, number)
+    assert floor == function(number, number)
+
+
 def test_single_precision_stays_single() -> None:
     lines = _lines(lambda x: jnp.sqrt(x) * 0.1 + jnp.floor(x), jnp.float32(2))
     assert any("sqrt32(" in line for line in lines)

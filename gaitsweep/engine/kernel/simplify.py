@@ -2,7 +2,8 @@
 
 A product with zero is zero, a number plus zero is that number, and a number minus itself is zero, for all
 numbers (NaN and infinity included): this removes the zeros of spatial algebra. A division by a number that is
-constant along a trajectory becomes a product with its reciprocal, which is computed once.
+constant along a trajectory becomes a product with its reciprocal, which is computed once; but not inside a
+floor, where 49 / 49 must not be the float below 1.
 """
 
 from __future__ import annotations
@@ -95,6 +96,25 @@ def _div(program: Program, args: tuple[int, ...]) -> int | None:
         one = program.constant(1.0, program.nodes[a].kind)
         return program.apply("mul", a, program.apply("div", one, b))
     return None
+
+
+def _floor(program: Program, args: tuple[int, ...]) -> int | None:
+    at = _divided(program, args[0])
+    return None if at == args[0] else program.apply("floor", at)
+
+
+def _divided(program: Program, at: int, depth: int = 2) -> int:
+    """The node of a number in which a product that `_div` has written, or a term of a sum, is a quotient."""
+    node = program.nodes[at]
+    if node.op in ("neg", "add", "sub") and depth:
+        args = tuple(_divided(program, a, depth - 1) for a in node.args)
+        return at if args == node.args else program.apply(node.op, *args)
+    if node.op == "mul":
+        for x, y in (node.args, node.args[::-1]):
+            factor = program.nodes[y]
+            if program.steady[y] and factor.op == "div" and program.value(factor.args[0]) == 1.0:
+                return program.write("div", x, factor.args[1])
+    return at
 
 
 def _neg(program: Program, args: tuple[int, ...]) -> int | None:
@@ -196,6 +216,7 @@ _RULES: dict[str, Rule] = {
     "sub": _sub,
     "mul": _mul,
     "div": _div,
+    "floor": _floor,
     "neg": _neg,
     "select": _select,
     "and": _joined(neutral=True),
