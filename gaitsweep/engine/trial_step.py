@@ -347,7 +347,7 @@ def _try_series(scheme: Scheme, params: Params, carry: Carry, longest: Number, f
     h = jnp.minimum(planned, root)
     bends = bends_back(guards, h)
     end = expansion.at(carry.state, h)
-    error = expansion.error(h, None if smooth else scheme.functions.flow_after(at_end, end))
+    error = expansion.error(h, None if smooth else scheme.functions.flow_after(within, end))
     change = fitting_change(error, carry, end, scheme.numerics, scheme.order)
     series = SeriesStep(expansion, guards, bends, near_time, smooth)
     return Trial(h, within, at_end, end, change, planned, series)
