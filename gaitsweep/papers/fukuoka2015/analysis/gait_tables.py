@@ -109,8 +109,8 @@ def own_gaits_in(table: pd.DataFrame) -> pd.DataFrame | None:
         table: a table.
 
     Returns:
-        One record a row: row, swept axes, cycles and gait, which is the status of a row that failed; None if
-        the table has swing onsets, no gaits, or several records of a row.
+        One record a row: row, swept axes, cycles and gait, which is the outcome of a row without one, such as
+        failed; None if the table has swing onsets, no gaits, or several records of a row.
     """
     has_onsets = {"leg", _MEAN.format(1), SINCE.format(LEGS[0]), FLEXORS[LEGS[0]]} & set(table.columns)
     if has_onsets or not {"row", "gait", "cycles"} <= set(table.columns) or table["row"].duplicated().any():
@@ -221,9 +221,9 @@ def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) ->
 def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
     """Count the gaits of each parameter set: one record for each set, in the order of the table.
 
-    Columns: the `sets` themselves; `rows`; `fell`; `unsteady`; a count for each of the nine gaits; `gaits`,
-    how many of the nine there are; `speed_walk` and so on, the median speed (m/s) of each of `KINDS`;
-    `in_order`: walk, trot, canter and gallop are all there and their median speeds rise.
+    Columns: the `sets` themselves; `rows`; `fell`, those that failed in any way; `unsteady`; a count for each
+    of the nine gaits; `gaits`, how many of the nine there are; `speed_walk` and so on, the median speed (m/s)
+    of each of `KINDS`; `in_order`: walk, trot, canter and gallop are all there and their median speeds rise.
 
     Args:
         table: a hold or settle table.
