@@ -141,7 +141,9 @@ def _listen() -> None:
 
 @functools.cache
 def _package_folders() -> frozenset[Path]:
-    return frozenset(Path(folder).resolve() for folder in sysconfig.get_paths().values())
+    # not that of data: an environment may have been made in the folder of the user's own files
+    paths = sysconfig.get_paths()
+    return frozenset(Path(paths[name]).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 
 
 def _installed(folder: Path) -> bool:

@@ -149,9 +149,11 @@ def _record(model: type, name: str, fields: list[str], members: Mapping[str, Any
 def _replaced(self: Any, **changes: Any) -> Any:
     """A copy with some fields replaced, in the types and shapes that they have."""
     fields = vars(self)
-    for name in changes:
+    for name, value in changes.items():
         if name not in fields:
             raise TypeError(f"{type(self).__qualname__} has no field {name}{suggestion(name, fields)}")
+        if any(map(jnp.iscomplexobj, jax.tree.leaves(value))):
+            raise TypeError(f"{type(self).__qualname__} has real numbers, but {name} is given complex ones")
     cast = {name: jax.tree.map(_like, fields[name], value) for name, value in changes.items()}
     return dataclasses.replace(self, **cast)
 

@@ -205,7 +205,9 @@ def instants(
 
     Args:
         name: a few words, as of `event`.
-        every: a function of the parameters, the interval (s) between instants.
+        every: a function of the parameters, the interval (s) between instants. They are whole multiples of it
+            after `after`: if a run moves one of these parameters, they are not an interval apart. Declare the
+            drive's phase as a variable then, and an event where it is a whole turn.
         after: with `every`, the time (s) of the beginning of the first interval, at whose end is the first
             instant.
         at: times (s) of single instants, instead of `every`; the jump is (params, state, i) -> state with the

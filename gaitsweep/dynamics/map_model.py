@@ -14,7 +14,11 @@ from gaitsweep.contract import Chart, Params, State, SteppedModel
 from gaitsweep.dynamics.declared import Declared
 from gaitsweep.dynamics.event_declarations import Event, SingleEvent
 from gaitsweep.dynamics.gaits_by_footfalls import Footfalls
+from gaitsweep.dynamics.noise import Diffusion
 from gaitsweep.dynamics.section_coordinates import SectionCoordinates
+
+# Declarations that a flow alone has. Numbers that `normal` draws in `image` are the noise of a map.
+_OF_FLOWS = {Event: "event", Footfalls: "footfalls", Diffusion: "diffusion"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,8 +56,8 @@ class MapModel(Declared, SteppedModel):
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         for name, declaration in cls.declarations.items():
-            if isinstance(declaration, Event | Footfalls):
-                what = "event" if isinstance(declaration, Event) else "footfalls"
+            what = next((noun for kind, noun in _OF_FLOWS.items() if isinstance(declaration, kind)), None)
+            if what is not None:
                 raise TypeError(
                     f"{cls.__name__} declares {name}, but a map has no {what}: derive it from DeclaredModel."
                 )

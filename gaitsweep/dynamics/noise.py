@@ -57,9 +57,10 @@ def diffusion(function: Callable[..., Mapping[str, Any]]) -> Any:
     order 2 where g is constant, 1/2 and 1 where it depends on the state.
 
     An event is looked for at the ends of steps, and its jump is applied where the drift met its surface
-    within the step. So event times have errors of the order of dt^2 where the guard depends on variables
+    within the step. So jumps have errors of time of the order of dt^2 where the guard depends on variables
     without noise of their own (angles whose rates are noisy); where noise itself moves the guard, a crossing
-    and a return within one step are not seen, an error of the order of the square root of dt.
+    and a return within one step are not seen, an error of the order of the square root of dt. A table has
+    the end of its step as the time of a crossing, up to dt later.
 
     Example:
         >>> import numpy as np, gaitsweep as gs

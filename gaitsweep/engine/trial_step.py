@@ -143,8 +143,8 @@ def controlled_step(
 CHAIN_STEP = 1e-9
 # The longest step, as a share of the nominal period, in which the flow may switch.
 SWITCH_STEP = 1e-7
-# Where the parameters of a schedule are read for the end of a step, as a share of it: before the value to
-# which a schedule of steps changes at the end.
+# Where the parameters of a schedule are read for the end of a step that ends at a stop, as a share of it:
+# before the value to which a schedule of steps changes there.
 STEP_END = 1.0 - 1e-9
 
 Flow = Callable[[Params, State], Rates]
@@ -306,11 +306,9 @@ def try_step(scheme: Scheme, params: Params, carry: Carry, h: Number, finest: Nu
         h: the largest length of the step (s).
         finest: the finest tolerance on event times (s).
     """
-    drive = scheme.drive
-    within = params if drive is None else drive(params, carry.t + 0.5 * h)
-    at_end = params if drive is None else drive(params, carry.t + h * STEP_END)
     if scheme.method.series:
-        return _try_series(scheme, carry, h, finest, within, at_end)
+        return _try_series(scheme, params, carry, h, finest)
+    within, at_end = _driven(scheme, params, carry, h)
     if not scheme.method.adaptive:
         end = scheme.functions.step(within, carry.state, h)
         return Trial(h, within, at_end, end, change=None, planned=h)
@@ -319,16 +317,28 @@ def try_step(scheme: Scheme, params: Params, carry: Carry, h: Number, finest: Nu
     return Trial(h, within, at_end, end, change, planned=h)
 
 
-def _try_series(
-    scheme: Scheme, carry: Carry, longest: Number, finest: Number, within: Params, at_end: Params
-) -> Trial:
+def _driven(scheme: Scheme, params: Params, carry: Carry, h: Number) -> tuple[Params, Params]:
+    """The parameters in the middle and at the end of a step of length `h` (s).
+
+    Those at the end are those of the next step's beginning: an event that is located by others could happen
+    again. Only at a stop may a schedule have changed.
+    """
+    drive = scheme.drive
+    if drive is None:
+        return params, params
+    end = jnp.where(h < carry.stop - carry.t, h, h * STEP_END)
+    return drive(params, carry.t + 0.5 * h), drive(params, carry.t + end)
+
+
+def _try_series(scheme: Scheme, params: Params, carry: Carry, longest: Number, finest: Number) -> Trial:
     """The trial of a step of Taylor's method, which ends at its first event."""
     model = scheme.model
-    expansion: Expansion = scheme.functions.step(within, carry.state, longest)
-    smooth = not may_switch(model, within, carry.state)
+    smooth = not may_switch(model, _driven(scheme, params, carry, longest)[0], carry.state)
     # events are searched between few points of a step whose polynomials do not hold throughout
     few_points = carry.dt * (MIN_STEPS_PER_PERIOD / DEFAULT_STEPS_PER_PERIOD)
     planned = longest if smooth else jnp.minimum(longest, few_points)
+    within, at_end = _driven(scheme, params, carry, planned)
+    expansion: Expansion = scheme.functions.step(within, carry.state, longest)
     guards = expansion.along(lambda state: model.guards(within, state), carry.state)
     past_root = 0.5 * finest * jnp.exp2(2.0 * carry.trials)
     # the event of a ramp would have the parameters of another length
@@ -337,7 +347,7 @@ def _try_series(
     h = jnp.minimum(planned, root)
     bends = bends_back(guards, h)
     end = expansion.at(carry.state, h)
-    error = expansion.error(h, None if smooth else scheme.functions.flow_after(at_end, end))
+    error = expansion.error(h, None if smooth else scheme.functions.flow_after(within, end))
     change = fitting_change(error, carry, end, scheme.numerics, scheme.order)
     series = SeriesStep(expansion, guards, bends, near_time, smooth)
     return Trial(h, within, at_end, end, change, planned, series)

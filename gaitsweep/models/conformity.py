@@ -18,7 +18,7 @@ import numpy as np
 from gaitsweep import near_miss
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Quantity
 from gaitsweep.dynamics.declaration_faults import faults_of_quantity
-from gaitsweep.dynamics.declarations import Mode, Variable
+from gaitsweep.dynamics.declarations import Mode, Time, Variable
 from gaitsweep.dynamics.declared import STEPS, Declared
 from gaitsweep.dynamics.declared_model import ARMING
 from gaitsweep.dynamics.map_model import MapModel
@@ -287,7 +287,8 @@ def _event_flags(model: Model, params: Any, state: Any) -> jax.ShapeDtypeStruct:
     else:
         assert isinstance(model, FixedStepDynamics)
         if isinstance(model, MapModel):
-            _require_image(state, _traced_result("image", model.image, params, state))
+            clocks = model.declarations.of_kind(Time)
+            _require_image(state, _traced_result("image", model.image, params, state), clocks)
         factor = (_scalar(),) if model.stochastic else ()
         after = _traced_result("step", model.step, params, state, _scalar(), *factor)
         _require_like("step", state, after)
@@ -322,8 +323,8 @@ def _traced_result(name: str, function: Callable[..., Any], *args: Any) -> Any:
         raise _Fault(f"{name} raises {kind}: {reason.rstrip('.')}.{advice}") from error
 
 
-def _require_image(state: Any, image: Any) -> None:
-    """Refuse an image that is no mapping from fields of a state, or a mapping from others."""
+def _require_image(state: Any, image: Any, clocks: Iterable[str]) -> None:
+    """Refuse an image that is no mapping from fields of a state, or one from others, or without a clock."""
     if not isinstance(image, Mapping):
         raise _returns("image", _type_of(image), "a mapping from variables to their values in the image")
     fields = list(vars(state))
@@ -331,6 +332,9 @@ def _require_image(state: Any, image: Any) -> None:
         if name not in fields:
             near = near_miss.suggestion(str(name), fields)
             raise _Fault(f"image returns a value of {name}, which is not a field of its state{near}")
+    for name in clocks:
+        if name not in image:
+            raise _Fault(f"image returns no value of the time {name}, which stays 0: return s.{name} + 1.0.")
 
 
 def _require_by_field(function: str, noun: str, state: Any, values: Any) -> None:

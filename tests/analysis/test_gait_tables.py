@@ -46,6 +46,14 @@ def test_gaits_are_counted_over_parameters() -> None:
     assert list(gaits_counted(result.drop(columns=["k2", "seed"])).iloc[0]) == [1] * 9
 
 
+def test_the_margin_of_ends_is_to_the_threshold_of_their_gait() -> None:
+    """A row at the threshold 0.03 with shifts of 0.02 is 0.01 from another gait, not 0.05."""
+    table = ends(np.full(2, 0.02), np.zeros(2), np.zeros(2))
+    assert gaits_in(table)["margin"].tolist() == pytest.approx([0.05, 0.05])
+    table = table.assign(margin=[0.01, 0.05]).iloc[::-1]  # records in another order than their rows
+    assert gaits_in(table)["margin"].tolist() == [0.01, 0.05]
+
+
 def test_gaits_of_another_model_are_counted_by_its_own_names() -> None:
     """Rows that failed count by their outcome; tables with several records of a row are left out."""
     table = pd.DataFrame({

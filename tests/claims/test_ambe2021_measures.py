@@ -80,6 +80,9 @@ def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
 def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
     with pytest.raises(UserError, match="at least two cycles"):
         waves(table.loc[table["t"] < 20.0])
+    few = table.loc[table["t"] % 3.0 < 0.04]  # every 3 s, by which a phase turns by more than 1 rad
+    with pytest.raises(UserError, match="smaller interval between samples"):
+        waves(few)
 
 
 def settled(gait: str, psi: np.ndarray) -> pd.DataFrame:

@@ -319,6 +319,9 @@ FAULTS = {
     "but its function flow raises TracerBool.* Use jnp.where": _flows(v=lambda s: -1.0 if s.z > 0 else 1.0),
     "the jump of 'is high' returns nothing": {"high": _jumps(lambda self, p, s: None)},
     "the jump of 'is high' raises .* no field w": {"high": _jumps(lambda self, p, s: s.replace(w=0.0))},
+    "the jump of 'is high' raises .* z is given complex": {
+        "high": _jumps(lambda self, p, s: s.replace(z=1j))
+    },
     "period returns whole numbers": {"period": lambda self, p: 3},
     "signal z_0 has the name of a": {
         "z_0": variable("m", "a variable named as the start of z", 1.0),

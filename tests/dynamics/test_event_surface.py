@@ -553,6 +553,31 @@ def test_a_threshold_on_a_ramp_is_that_of_the_event_s_time() -> None:
     np.testing.assert_allclose(crossed["last_n"], crossed["c"], rtol=0, atol=1e-11)
 
 
+class Drum(DeclaredModel):
+    """A strobe of the time since the start, whose interval a ramp may lengthen."""
+
+    interval = parameter("s", "interval of the strobe", 1.0)
+    t = gs.time()
+    angle = variable("rad", "angle", 0.0)
+    strobe = gs.instants("strobe", every=lambda p: p.interval, section=True)
+
+    def flow(self, p, s) -> dict[str, Any]:
+        return {"t": 1.0, "angle": 1.0}
+
+    def period(self, p):
+        return p.interval
+
+
+@pytest.mark.slow
+def test_an_event_that_a_ramp_moves_away_happens_once() -> None:
+    """The guard of its time is that of the next step's beginning: the event is not met once more."""
+    run = gs.Ramp(parameter="interval", path=[1.0, 1.2], rate=0.002)
+    table = gs.sweep(Drum, run=run, verify=0).table
+    turns = table["t"] / table["interval"]
+    np.testing.assert_allclose(turns, np.arange(len(table)), rtol=0, atol=1e-10)
+    assert len(table) == 84
+
+
 class Oscillator(DeclaredModel):
     """A harmonic oscillator; its section is x rising through 0."""
 

@@ -185,6 +185,8 @@ def test_single_instants_happen_once() -> None:
 def test_what_a_map_cannot_have_is_refused() -> None:
     with pytest.raises(TypeError, match="falls, but a map has no event"):
         type("Falling", (Logistic,), {"falls": gs.event("falls", section=True)(lambda self, p, s: s.x)})
+    with pytest.raises(TypeError, match="noise, but a map has no diffusion"):
+        type("Noisy", (Logistic,), {"noise": gs.diffusion(lambda self, p, s: {"x": 0.1})})
     with pytest.raises(TypeError, match="either every= or at="):
         gs.instants("never")
     with pytest.raises(gs.JobError, match=r"numerics\.dt is set, but logistic is a map"):
@@ -195,6 +197,11 @@ def test_what_a_map_cannot_have_is_refused() -> None:
             return {"xx": s.x}
 
     assert re.search("image returns a value of xx, .*did you mean x", str(fault(Misspelt())))
+
+    class Timeless(Logistic):
+        t = gs.time()
+
+    assert "image returns no value of the time t" in str(fault(Timeless()))
 
 
 def test_no_step_is_refined() -> None:

@@ -315,6 +315,22 @@ def test_a_wrap_keeps_its_division() -> None:
     assert any("x0 / x1" in line for line in lines)
 
 
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x, p: jnp.floor(x / p),
+        lambda x, p: jnp.ceil(-x / p + 1.0),
+        lambda x, p: jnp.where(x / p >= 1.0, 1.0, 0.0),
+        lambda x, p: jnp.where(x / p == jnp.floor(x / p), 1.0, 0.0),
+    ],
+)
+def test_floors_and_comparisons_keep_their_divisions(function: Any) -> None:
+    """49 times 1 / 49 is the float below 1."""
+    number = np.float64(49.0)
+    (result,) = executable(traced_with(function, X1, X1, steady=[False, True]))(number, number)
+    assert result == function(number, number)
+
+
 def test_single_precision_stays_single() -> None:
     lines = _lines(lambda x: jnp.sqrt(x) * 0.1 + jnp.floor(x), jnp.float32(2))
     assert any("sqrt32(" in line for line in lines)

@@ -254,6 +254,36 @@ def test_switches_of_the_flow_are_met_to_the_tolerance() -> None:
     np.testing.assert_allclose(found.table["level_end"], 1.0, rtol=0.0, atol=1e-6)
 
 
+class Filled(DeclaredModel):
+    """A charge that a current raises, which may switch, once per turn of a clock."""
+
+    current = parameter("1/s", "current", 0.0)
+    clock = variable("s", "time", 0.5, observed=False)
+    charge = variable("1", "charge", 0.0)
+
+    def flow(self, p, s):
+        return {"clock": 1.0, "charge": jnp.where(s.clock < 99.0, p.current, 0.0)}
+
+    @event("turn", section=True)
+    def turn(self, p, s):
+        return s.clock - 1.0
+
+    @turn.jump
+    def turned(self, p, s):
+        return s.replace(clock=0.0)
+
+    def period(self, p):
+        return jnp.ones(())
+
+
+@pytest.mark.slow
+def test_a_parameter_that_moves_is_no_switch_of_the_flow() -> None:
+    run = gs.Ramp(parameter="current", path=[0.0, 1.0], rate=0.05)
+    found = gs.sweep(Filled(), run=run, numerics={"method": "taylor"}, verify=0)
+    np.testing.assert_allclose(found.table["charge_n"], 0.025 * found.table["t"] ** 2, rtol=0.0, atol=1e-9)
+    assert found.manifest["timings"]["attempts"] < 5000
+
+
 def test_zeros_within_a_step() -> None:
     """Two zeros that the ends do not show are suspected; one that they show is found."""
     h = jnp.asarray(1.0)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import venv
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -78,6 +80,21 @@ def test_modules_beside_are_those_that_are_imported(folder: tuple[Path, str]) ->
     own = [name for name in beside if name.startswith(package)]
     assert own == [package, f"{package}.numbers_of", f"{package}.springs", f"{package}_model"]
     assert not [name for name in beside if name.startswith(("jax", "numpy", "gaitsweep"))]
+
+
+def test_modules_beside_are_found_in_the_folder_of_an_environment(tmp_path: Path) -> None:
+    """`python -m venv .` makes an environment in the folder of the user's own files."""
+    venv.create(tmp_path, symlinks=True, with_pip=False)
+    write(tmp_path / "my_walker.py", "import my_legs\n")
+    write(tmp_path / "my_legs.py", "LEGS = 2\n")
+    code = (
+        f"import sys; sys.path += {[str(tmp_path), *sys.path]!r}; import my_walker\n"
+        "from gaitsweep.own_modules import installed, modules_beside\n"
+        "print(*modules_beside(my_walker), installed(my_walker))"
+    )
+    python = [tmp_path / "bin" / "python", "-c", code]
+    printed = subprocess.run(python, capture_output=True, text=True, check=True)
+    assert printed.stdout.split() == ["my_legs", "my_walker", "False"]
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Elementary functions from the program's operations, so that lanes can be vectorised.
 
 Sine, cosine and the exponential are polynomials after argument reduction, with an error of about one unit in
-the last place; for sine and cosine up to |x| = 1e6 rad, above which the error grows with |x|. The error of
+the last place; for sine and cosine up to |x| = 1e6 rad (5e4 in float32), above which it grows. The error of
 arctangent, arcsine and arccosine is at most two units, for subnormal and infinite arguments too.
 """
 

@@ -2,7 +2,8 @@
 
 A product with zero is zero, a number plus zero is that number, and a number minus itself is zero, for all
 numbers (NaN and infinity included): this removes the zeros of spatial algebra. A division by a number that is
-constant along a trajectory becomes a product with its reciprocal, which is computed once.
+constant along a trajectory becomes a product with its reciprocal, which is computed once; but not inside a
+floor or a comparison, where 49 / 49 must not be the float below 1.
 """
 
 from __future__ import annotations
@@ -95,6 +96,38 @@ def _div(program: Program, args: tuple[int, ...]) -> int | None:
         one = program.constant(1.0, program.nodes[a].kind)
         return program.apply("mul", a, program.apply("div", one, b))
     return None
+
+
+def _floor(program: Program, args: tuple[int, ...]) -> int | None:
+    at = _divided(program, args[0])
+    return None if at == args[0] else program.apply("floor", at)
+
+
+def _compared(op: str) -> Rule:
+    """The rule of a comparison, between quotients instead of products with reciprocals."""
+
+    def rule(program: Program, args: tuple[int, ...]) -> int | None:
+        # the sign of both is the same, and NaN alone differs from itself
+        if args[0] == args[1] or 0.0 in map(program.value, args):
+            return None
+        exact = tuple(_divided(program, at, depth=0) for at in args)
+        return None if exact == args else program.apply(op, *exact)
+
+    return rule
+
+
+def _divided(program: Program, at: int, depth: int = 2) -> int:
+    """The node of a number in which a product that `_div` has written, or a term of a sum, is a quotient."""
+    node = program.nodes[at]
+    if node.op in ("neg", "add", "sub") and depth:
+        args = tuple(_divided(program, a, depth - 1) for a in node.args)
+        return at if args == node.args else program.apply(node.op, *args)
+    if node.op == "mul":
+        for x, y in (node.args, node.args[::-1]):
+            factor = program.nodes[y]
+            if program.steady[y] and factor.op == "div" and program.value(factor.args[0]) == 1.0:
+                return program.write("div", x, factor.args[1])
+    return at
 
 
 def _neg(program: Program, args: tuple[int, ...]) -> int | None:
@@ -196,11 +229,13 @@ _RULES: dict[str, Rule] = {
     "sub": _sub,
     "mul": _mul,
     "div": _div,
+    "floor": _floor,
     "neg": _neg,
     "select": _select,
     "and": _joined(neutral=True),
     "or": _joined(neutral=False),
     "not": _not,
+    **{op: _compared(op) for op in ("lt", "le", "eq", "ne")},
     "to_f32": lambda program, args: _same_kind(program, args, "f32"),
     "to_f64": lambda program, args: _same_kind(program, args, "f64"),
     "to_int": lambda program, args: _same_kind(program, args, "int"),

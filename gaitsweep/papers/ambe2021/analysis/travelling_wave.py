@@ -103,12 +103,15 @@ def passages(part: pd.DataFrame) -> Passages:
         part: the records of one row of a trace, in order of time.
 
     Raises:
-        AnalysisError: a leg passes the middle of stance fewer than three times.
+        AnalysisError: a leg passes the middle of stance fewer than three times, or samples are too few.
     """
     t = part["t"].to_numpy(float)
     passed = [_times_of_mid_stance(t, phase) for phase in of_legs(part, "phase").T]
     if min(map(len, passed)) < 3:
-        raise AnalysisError("A wave needs at least two cycles: use a longer duration of the trace.")
+        raise AnalysisError(
+            "A wave needs at least two cycles, of seven samples or more each: use a longer duration of the "
+            "trace, or a smaller interval between samples."
+        )
     period = float(np.mean([times[-1] - times[-3] for times in passed])) / 2.0
     last = np.array([times[-1] for times in passed])
     return Passages(period, np.mod(last[:-1] - last[1:], period))

@@ -61,8 +61,8 @@ def gaits_in(
 
     Args:
         table: a trace with a signal for each leg; records of crossings with since_LF_n and so on (return
-            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` is the
-            model's own label at its own threshold.
+            maps, ramps); onsets (row, leg, t); or a settle table of `planar_quadruped`, whose `gait` and
+            `margin` are the model's own at its own threshold.
         signals, level, falling: for a trace, the column of each leg and its threshold, as in
             `swing_onsets.onsets_in`; by default the potentials u_f_LF, ... For feet:
             signals={"LF": "contact_1", ...}, level=0.5, falling=True.
@@ -109,8 +109,8 @@ def own_gaits_in(table: pd.DataFrame) -> pd.DataFrame | None:
         table: a table.
 
     Returns:
-        One record a row: row, swept axes, cycles and gait, which is the status of a row that failed; None if
-        the table has swing onsets, no gaits, or several records of a row.
+        One record a row: row, swept axes, cycles and gait, which is the outcome of a row without one, such as
+        failed; None if the table has swing onsets, no gaits, or several records of a row.
     """
     has_onsets = {"leg", _MEAN.format(1), SINCE.format(LEGS[0]), FLEXORS[LEGS[0]]} & set(table.columns)
     if has_onsets or not {"row", "gait", "cycles"} <= set(table.columns) or table["row"].duplicated().any():
@@ -158,7 +158,8 @@ def _of_averages(table: pd.DataFrame, thresholds: Sequence[float]) -> pd.DataFra
     for threshold in thresholds[1:]:
         named = np.array(CHART, object)[np.where(steady, place(*shifts, threshold), 4)]
         gaits[f"gait_at_{threshold:g}"] = pd.Categorical(np.where(steady, named, labels), list(GAITS))
-    gaits["margin"] = margin(*shifts, thresholds[0])
+    # that of the model is to its own threshold, as the gait is
+    gaits["margin"] = table["margin"] if "margin" in table.columns else margin(*shifts, thresholds[0])
     if "gait_by_touchdowns" in table.columns:
         landed = table["gait_by_touchdowns"].astype(object).fillna("none")
         gaits["gait_by_touchdowns"] = pd.Categorical(np.where(fell, "none", landed), list(GAITS))
@@ -220,9 +221,9 @@ def gait_measures(table: pd.DataFrame, by: str | Sequence[str] | None = None) ->
 def repertoire(table: pd.DataFrame, sets: Sequence[str]) -> pd.DataFrame:
     """Count the gaits of each parameter set: one record for each set, in the order of the table.
 
-    Columns: the `sets` themselves; `rows`; `fell`; `unsteady`; a count for each of the nine gaits; `gaits`,
-    how many of the nine there are; `speed_walk` and so on, the median speed (m/s) of each of `KINDS`;
-    `in_order`: walk, trot, canter and gallop are all there and their median speeds rise.
+    Columns: the `sets` themselves; `rows`; `fell`, those that failed in any way; `unsteady`; a count for each
+    of the nine gaits; `gaits`, how many of the nine there are; `speed_walk` and so on, the median speed (m/s)
+    of each of `KINDS`; `in_order`: walk, trot, canter and gallop are all there and their median speeds rise.
 
     Args:
         table: a hold or settle table.
