@@ -187,6 +187,8 @@ def test_places_of_sources_and_of_meeting_waves() -> None:
             plot.draw("source_place", several, x=x)
     with pytest.raises(UserError, match="no rows"):
         source_place(table.head(0))
+    with pytest.raises(UserError, match="inferred rows, which have no k"):
+        source_place(table.assign(status="inferred"))
 
 
 def _with_axis(table: pd.DataFrame, **axis: list[float]) -> pd.DataFrame:
