@@ -65,10 +65,11 @@ def extensions() -> Mapping[str, Extension]:
     """The extensions that are installed, by name, gaitsweep's own first.
 
     Raises:
-        ExtensionError: one does not import, is no `Extension`, or adds a model of a name that is taken.
+        ExtensionError: one does not import, is no `Extension`, has a text in place of a tuple, or adds a
+            model or a function of a name that is taken.
     """
     by_name: dict[str, Extension] = {}
-    models: dict[str, str] = {}
+    owners: dict[tuple[str, str], str] = {}  # of models and functions
     for entry, owner in _entries():
         try:
             extension = entry.load()
@@ -81,15 +82,21 @@ def extensions() -> Mapping[str, Extension]:
             raise ExtensionError(
                 f"The extension {entry.name} of {owner} is {entry.value}, which is not a gaitsweep.Extension."
             )
+        for field in ("figures", "run_kinds", "analyses", "measures"):
+            if isinstance(module := getattr(extension, field), str):
+                raise ExtensionError(
+                    f"The extension {entry.name} of {owner} has {field}={module!r}, but must have a tuple of "
+                    f"modules: ({module!r},)."
+                )
         remedy = f"uninstall {owner} or the other package"
         if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
-        for name in extension.models:
-            if name in models:
-                raise ExtensionError(
-                    f"The extensions {models[name]} and {entry.name} both have a model {name}: {remedy}."
-                )
-            models[name] = entry.name
+        for kind, names in (("model", extension.models), ("function", extension.functions)):
+            for name in names:
+                if (kind, name) in owners:
+                    both = f"{owners[kind, name]} and {entry.name} both have a {kind} {name}"
+                    raise ExtensionError(f"The extensions {both}: {remedy}.")
+                owners[kind, name] = entry.name
         by_name[entry.name] = extension
     return MappingProxyType(by_name)
 

@@ -183,14 +183,26 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
     """The outcome of each row: its label if it settled, else `not settled` or `failed`; NaN becomes `none`.
 
     Raises:
-        AnalysisError: the table does not have the column.
+        AnalysisError: the table does not have the column; or it has inferred rows, whose gait alone is known,
+            and the label is another quantity of the model.
     """
     require(table, label)
+    if label in table.attrs.get("quantities", {}) and label not in ("gait", *axes_of(table)):
+        refuse_inferred(table, f"no {label}")
     if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
         return pd.Series(table["outcome"]).astype(object).fillna(Outcome.NO_GAIT.value)
     names = table[label].astype(object).map(str, na_action="ignore")
     status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)
     return pd.Series(outcomes(pd.Categorical(names), status), index=table.index).astype(object)
+
+
+def refuse_inferred(table: pd.DataFrame, lacking: str) -> None:
+    """Refuse a table with inferred rows; `lacking` is what they do not have, such as "no state"."""
+    if "status" in table.columns and np.any(table["status"].astype(str) == Status.inferred.name):
+        raise AnalysisError(
+            f"This table has inferred rows, which have {lacking}: use the gait, or run the job without "
+            "run.refine."
+        )
 
 
 def in_order(table: pd.DataFrame, label: str, labels: pd.Series) -> list[str]:

@@ -29,6 +29,8 @@ from gaitsweep.engine.leaves import (
 )
 from gaitsweep.engine.stored_traces import shapes_of
 
+# Units in the last place by which rounding leaves a vector that depends on others beside them.
+ROUNDING = 64.0
 Directions = list[Float[Array, " coordinates"]]  # in the coordinates of the section
 
 
@@ -157,7 +159,7 @@ def on_section(model: Model, params: Params, carry: Carry) -> Directions:
 def orthonormalised(vectors: Directions) -> tuple[list[Number], Directions]:
     """Orthonormal vectors and their lengths before normalisation, by the modified Gram-Schmidt process.
 
-    A vector that depends on those before it has the length 0, and another direction.
+    A vector that depends on those before it, up to rounding, has the length 0, and another direction.
     """
     lengths: list[Number] = []
     units: Directions = []
@@ -166,7 +168,8 @@ def orthonormalised(vectors: Directions) -> tuple[list[Number], Directions]:
         normal = direction
         for unit in units:
             normal = normal - jnp.sum(unit * normal) * unit
-        length = jnp.sqrt(jnp.sum(normal * normal))
+        size, length = jnp.sqrt(jnp.sum(direction * direction)), jnp.sqrt(jnp.sum(normal * normal))
+        length = jnp.where(length <= ROUNDING * jnp.finfo(size.dtype).eps * size, 0.0, length)
         lengths.append(length)
         units.append(jnp.where(length > 0.0, normal / jnp.where(length > 0.0, length, 1.0), other))
     return lengths, units

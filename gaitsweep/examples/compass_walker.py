@@ -59,8 +59,8 @@ class CompassWalker(DeclaredModel):
             "swing_rate": swing_acceleration,
         }
 
-    # on uneven ground the swing foot may meet the line behind the stance foot, too, where it scuffs through
-    @event("heel strikes", section=True, when=lambda p, s: (p.ground.kind == "even") | (_ahead(p, s) > 0.0))
+    # behind the stance foot the swing foot may rise out of the ground, where it scuffs through
+    @event("heel strikes", section=True, when=lambda p, s: _ahead(p, s) > 0.0)
     def strike(self, p, s):
         if self.ground == "even":
             return s.stance + s.swing - 2.0 * jnp.deg2rad(p.slope)

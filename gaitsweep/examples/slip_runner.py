@@ -45,7 +45,7 @@ class SlipRunner(DeclaredModel):
     def complete(self, p, s):
         speed = jnp.sqrt(jnp.maximum(p.speed**2 + 2.0 * p.g * (p.l0 - s.z), 0.0))
         # an apex below the height of touchdown leaves no room for the leg, one that is too high no speed
-        falls = (s.z <= _touchdown(p)) | (speed <= 0.0)
+        falls = (s.z <= p.ground(_reach(p)) + _touchdown(p)) | (speed <= 0.0)
         return s.replace(x=0.0, v_x=speed, v_z=0.0, phase=jnp.where(falls, FALLEN, s.phase))
 
     def flow(self, p, s):

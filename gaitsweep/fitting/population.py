@@ -19,6 +19,7 @@ from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.sweep.engine_choice import default_lanes
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress
+from gaitsweep.expression import ExpressionError
 from gaitsweep.fitting.free_parameters import Sets
 from gaitsweep.fitting.measure import Measure, Measured, MeasuredByName, RowMeasure
 from gaitsweep.fitting.ramp_measures import RampMeasure, crossings_of
@@ -72,6 +73,30 @@ def row_values_of(
         conditions: the conditions, each a row of every set.
         n: the number of sets.
     """
+    try:
+        return _row_values_of(context, constants, conditions, n)
+    except ExpressionError:
+        if n == 1:
+            groups = context.model.parameters, context.model.initial_conditions
+            params, starts = ({q.name: np.full(len(conditions), np.nan) for q in group} for group in groups)
+            return RowsOfSets(params, starts, np.array(["a formula has no value"], object))
+    # the sets in which a formula has no value are found by halves
+    middle = n // 2
+    first, second = (
+        row_values_of(context, take(constants, part), conditions, size)
+        for part, size in ((slice(middle), middle), (slice(middle, n), n - middle))
+    )
+    params, starts = (
+        {name: np.append(column, after[name]) for name, column in before.items()}
+        for before, after in ((first.params, second.params), (first.starts, second.starts))
+    )
+    return RowsOfSets(params, starts, np.append(first.refused, second.refused))
+
+
+def _row_values_of(
+    context: RunContext, constants: Values, conditions: Sequence[Condition], n: int
+) -> RowsOfSets:
+    """`row_values_of` of sets in all of which the formulas have values."""
     per_set = len(conditions)
     model = context.model
     params = {quantity.name: np.empty(n * per_set) for quantity in model.parameters}

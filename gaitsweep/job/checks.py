@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import graphlib
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -24,7 +25,7 @@ from gaitsweep.schema.diagnostics import Diagnostic, Path, unknown_name
 from gaitsweep.schema.strict_model import kind_of
 
 _CHUNK = 50_000  # rows whose values are checked at a time
-# Turns of a path at each of which formulas are checked; of a longer path they are checked at its ends alone.
+# Turns of a path at which, and between which, formulas are checked; of a longer path its ends alone are.
 _MAX_TURNS = 20
 
 
@@ -143,10 +144,15 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     ]
     if diagnostics:
         return diagnostics
+    pairs = itertools.pairwise(turns)
+    between = [a + (b - a) * share for a, b in pairs for share in (0.25, 0.5, 0.75)]
     for name in design.following(moving):
+        # stairs may be whole where the places between turns are not
+        is_whole = quantity.whole or spec.parameters[name].whole
+        values = [*sorted(set(turns)), *([] if is_whole else between)]
         rows = math.prod(design.groups[position].length for position in design.spans(name))
-        are_few = rows * len(turns) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
-        for value in sorted(set(turns)) if are_few else (min(turns), max(turns)):
+        are_few = rows * len(values) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
+        for value in values if are_few else (min(turns), max(turns)):
             design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})
             diagnostic = _check_quantity(design_at_value, spec, name, spec.parameters[name])
             if diagnostic is not None:

@@ -75,6 +75,18 @@ def test_fractions_of_outcomes() -> None:
     assert set(fractions(table, interval="clopper_pearson")["interval"]) == {"clopper_pearson"}
 
 
+def test_inferred_rows_have_no_label_of_the_model_but_the_gait() -> None:
+    """Whole numbers of such rows are 0 in the table."""
+    table = grid_table((10, 10), lambda x, y: x < np.pi).assign(k=3, status="settled")
+    table.attrs["quantities"] = {"k": {}, "psi_1": {}}
+    assert fractions(table, label="k")["outcome"].tolist() == ["3"]
+    table.loc[:49, ["k", "status"]] = [0, "inferred"]
+    assert len(fractions(table)) == 2
+    assert len(fractions(table, label="psi_1")) == 10
+    with pytest.raises(AnalysisError, match="inferred rows, which have no k"):
+        fractions(table, label="k")
+
+
 @pytest.mark.parametrize("circular", [True, False])
 def test_a_straight_boundary(circular: bool) -> None:
     """Exponent 1, boundary of dimension 1, and the entropies of boxes that a straight line crosses.

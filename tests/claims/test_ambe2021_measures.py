@@ -77,6 +77,16 @@ def test_directions_and_order_of_a_wave(table: pd.DataFrame) -> None:
     assert wave_measures.touchdown_phases_apart(table) < 1e-9
 
 
+def test_touchdowns_of_long_traces_count_too(table: pd.DataFrame) -> None:
+    """A source wave for a cycle and a half, and a direct wave for many: the share is that of the latter."""
+    cycle = round(CIRCLE / OMEGA / 0.05)
+    source, direct = (table.loc[table["row"] == row] for row in (2, 0))
+    parts = [source.iloc[: 3 * cycle // 2], *[direct.iloc[: 3 * cycle]] * 20]
+    long = pd.concat(parts, ignore_index=True).assign(row=0)
+    long["t"] = 0.05 * np.arange(len(long))
+    assert wave_measures.neighbours_at_touchdown(long, row=0, k=6) < 0.65
+
+
 def test_a_trace_of_less_than_two_cycles_is_refused(table: pd.DataFrame) -> None:
     with pytest.raises(UserError, match="at least two cycles"):
         waves(table.loc[table["t"] < 20.0])
@@ -180,6 +190,8 @@ def test_places_of_sources_and_of_meeting_waves() -> None:
             plot.draw("source_place", several, x=x)
     with pytest.raises(UserError, match="no rows"):
         source_place(table.head(0))
+    with pytest.raises(UserError, match="inferred rows, which have no k"):
+        source_place(table.assign(status="inferred"))
 
 
 def _with_axis(table: pd.DataFrame, **axis: list[float]) -> pd.DataFrame:

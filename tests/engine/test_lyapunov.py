@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 import gaitsweep as gs
 from gaitsweep.engine.recorders.exponents import Exponents
+from gaitsweep.engine.tangents import orthonormalised
 from gaitsweep.examples.bouncing_ball import BouncingBall
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
@@ -43,6 +44,17 @@ class Delayed(gs.MapModel):
         return {"x": p.a * s.x * (1.0 - s.y), "y": s.x}
 
 
+class Folded(gs.MapModel):
+    """A chaotic map whose image is a curve, along which x is the logistic map."""
+
+    r = gs.parameter("1", "rate of growth", 4.0)
+    x = gs.variable("1", "population", 0.3)
+    y = gs.variable("1", "its double", 0.6)
+
+    def image(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"x": p.r * s.x * (1.0 - s.x), "y": 0.7 * s.x}
+
+
 class StandardMap(gs.MapModel):
     K = gs.parameter("1", "strength of a kick", 0.3)
     angle = gs.variable("rad", "angle", 1.0, circular=True)
@@ -62,6 +74,18 @@ def pooled(table: pd.DataFrame, name: str = "lyapunov_1") -> tuple[float, float]
     """The mean of an exponent over rows on one attractor, and its standard error by those of the rows."""
     values, errors = table[name].to_numpy(float), table[f"{name}_error"].to_numpy(float)
     return float(values.mean()), float(np.sqrt(np.sum(errors**2)) / len(values))
+
+
+@pytest.mark.slow
+def test_a_direction_that_a_crossing_extinguishes_has_no_finite_exponent() -> None:
+    row = settled(Folded(), cycles=500, exponents=2).iloc[0]
+    assert row["lyapunov_1"] == pytest.approx(np.log(2.0), rel=0.05)
+    assert (row["lyapunov_2"], np.isnan(row["lyapunov_2_error"])) == (-np.inf, True)
+
+
+def test_a_tangent_that_is_no_number_has_no_length() -> None:
+    lengths, _ = orthonormalised([jnp.eye(3)[0], 2.0 * jnp.eye(3)[0], jnp.full(3, jnp.nan)])
+    np.testing.assert_array_equal(lengths, [1.0, 0.0, np.nan])
 
 
 @pytest.mark.parametrize("engine", ["kernel", pytest.param("xla", marks=pytest.mark.slow)])

@@ -397,6 +397,12 @@ def test_one_rate_of_a_field_is_the_rate_of_each_of_its_numbers() -> None:
     np.testing.assert_allclose(moved, expected, rtol=0.0, atol=1e-15)
 
 
+def test_elements_that_a_function_changes_have_no_recurrence() -> None:
+    point = Point(jnp.array([0.1, 0.2]), jnp.array([0.3, -0.4]))
+    with pytest.raises(gs.ArgumentError, match="as by "):
+        solution(lambda _, s: {"x": s.y, "y": s.x.at[0].apply(jnp.cos)}, (), point, 3)
+
+
 def test_a_flow_without_recurrence_is_refused() -> None:
     class Odd(DeclaredModel):
         rate = parameter("1", "rate", 1.0)

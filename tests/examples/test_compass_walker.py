@@ -75,6 +75,14 @@ def test_a_strike_keeps_angular_momentum() -> None:
 
 
 @pytest.mark.slow
+def test_a_foot_that_rises_behind_is_no_strike() -> None:
+    """It rose by rounding at the start, which was a strike at t = 0; the next one is that of a step."""
+    start: dict[str, Any] = {"stance_0": -0.397192, "stance_rate_0": 1.968102, "swing_rate_0": 2.286758}
+    table = gs.sweep(CompassWalker(), **start, run=gs.ReturnMap(crossings=1), verify=0).table
+    assert table["t"].iloc[1] > 0.5
+
+
+@pytest.mark.slow
 def test_the_gait_doubles_at_4_39_degrees() -> None:
     """Goswami, Thuilot and Espiau 1998: one step up to 4.39 degrees, two from there."""
     path = gs.Continuation(parameter="slope", path=[3.0, 5.0])

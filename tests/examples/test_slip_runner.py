@@ -97,6 +97,14 @@ def test_an_apex_below_touchdown_falls_and_so_does_a_leg_too_steep() -> None:
     assert low["cycles"].tolist() == [0]
 
 
+@pytest.mark.slow
+def test_a_start_below_touchdown_on_rising_ground_falls() -> None:
+    """At 20 degrees the ground at the first foothold is 0.14 m high, and touchdown above the first apex."""
+    table = gs.sweep(SlipRunner(ground="slope"), ground_slope=[20.0], verify=0).table
+    assert table["status"].tolist() == ["fell"]
+    assert table["t_end"].tolist() == [0.0]
+
+
 @pytest.fixture(scope="module")
 def atlas_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the shipped atlas, on a shorter path."""

@@ -262,6 +262,15 @@ def test_a_measure_may_set_a_free_constant(tmp_path: Path) -> None:
     assert found.table["unkicked"].to_numpy(float) == pytest.approx(0.25 / (1.0 - restitution), rel=1e-6)
 
 
+def test_a_set_in_which_a_formula_has_no_value_has_none(tmp_path: Path) -> None:
+    job = search(all={"at": {"mass": 1}}) | {"params": {"stiffness": "400 + sqrt(kick - 0.8)"}}
+    found = run_search(read_search(job, Path()), tmp_path / "out", figures=False).table
+    kick, restitution = (found[name].to_numpy(float) for name in ("kick", "restitution"))
+    expected = np.where(kick < 0.8, np.nan, kick / (1.0 - restitution))
+    np.testing.assert_allclose(found["all"].to_numpy(float), expected, rtol=1e-6)
+    assert set(found["why"][kick < 0.8]) == {"all: a formula has no value"}
+
+
 def test_a_measure_may_set_all_free_constants(tmp_path: Path) -> None:
     fixed = {"at": {"kick": 0.5, "restitution": 0.5}}
     job = search(all={"at": {"mass": 1}}, fixed=fixed)

@@ -191,6 +191,9 @@ def test_a_foot_out_of_reach_is_aimed_at() -> None:
     hip, knee = joint_angles(jnp.asarray(0.0), jnp.asarray(-0.2), 0.08, 1.0)
     assert float(hip) == pytest.approx(0.0)
     assert float(knee) == 0.0
+    # aimed lower and farther ahead the limb stays straight, and turns
+    _, (turn, bend) = jax.jvp(lambda x: joint_angles(x, jnp.asarray(-0.2), 0.08, 1.0), (0.0,), (1.0,))
+    assert (float(turn), float(bend)) == (pytest.approx(-5.0), 0.0)
 
 
 def test_the_ground_is_a_spring_and_a_damper() -> None:

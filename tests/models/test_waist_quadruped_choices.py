@@ -370,6 +370,9 @@ def test_rates_of_desired_angles_are_their_derivatives(bend: float) -> None:
         jnp.asarray(0.0), jnp.asarray(-0.2), jnp.asarray(0.1), jnp.asarray(1.0), 0.08, bend
     )
     np.testing.assert_allclose(out_of_reach, [-0.5, 0.0], atol=1e-15)  # it turns as the target does
+    x, dx, dz = jnp.asarray(0.0), jnp.asarray(0.1), jnp.asarray(1.0)
+    still = jax.jacfwd(lambda z: jnp.stack(joint_rates(x, z, dx, dz, 0.08, bend)))(-0.2)
+    np.testing.assert_allclose(still, [-0.1 / 0.2**2, 0.0], rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.slow

@@ -124,6 +124,8 @@ BAD = [
     ({"path": [4, -1]}, {}, ["run.path[1] is -1, but must be above 0 (spring, in N/m)"]),
     ({"path": [4, "stiffness"]}, {}, ["run.path[1]", "stiffness moves in this run"]),
     ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
+    # at both ends 5.25
+    ({}, {"params": {"kick": "(stiffness-6.5)**2-1"}}, ["params.kick is", "staircase has stiffness = 6.5"]),
     ({"step": 1e-4}, {}, ["run.step is 0.0001, which gives 100001 stairs; at most 10000 are allowed"]),
     ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are allowed"]),
     ({"dwells": 3}, {}, ["run.dwells is not a field of run (staircase); did you mean dwell?"]),

@@ -415,6 +415,7 @@ _cases(
                 x.at[1].subtract(x[0]),
                 x.at[1].divide(2.0),
                 x.at[2].power(2.0),
+                x.at[1].apply(jnp.cos),
             ),
             (M,),
         ),

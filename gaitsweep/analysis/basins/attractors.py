@@ -26,7 +26,13 @@ from gaitsweep.analysis.basins.state_space import (
     extent,
     state_columns,
 )
-from gaitsweep.analysis.records import AnalysisError, names_in, require, require_numbers
+from gaitsweep.analysis.records import (
+    AnalysisError,
+    names_in,
+    refuse_inferred,
+    require,
+    require_numbers,
+)
 from gaitsweep.status import RECURRENT, Status
 
 # Largest ratio of the mean distance of crossings from a sampled set, to that between the crossings within it.
@@ -455,11 +461,7 @@ def with_attractors(table: pd.DataFrame, **grouping: Any) -> pd.DataFrame:
         AnalysisError: as for `attractors`, or the table has inferred rows, which have no state.
     """
     require(table, "status")
-    if np.any(table["status"].astype(str) == Status.inferred.name):
-        raise AnalysisError(
-            "This table has inferred rows, which have no state that identifies an attractor: use the "
-            "gait, or run the job without run.refine."
-        )
+    refuse_inferred(table, "no state that identifies an attractor")
     return table.assign(attractor=attractors(table, **grouping).column)
 
 

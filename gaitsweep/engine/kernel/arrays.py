@@ -259,6 +259,7 @@ def _scatter(combine: Build) -> Rule:
     def rule(tracer: Tracer, equation: Any, args: list[Nodes]) -> list[Nodes]:
         operand, indices, updates = args
         numbers = equation.params["dimension_numbers"]
+        combined = _applied(tracer, equation) or combine
         single = {*numbers.inserted_window_dims, *numbers.operand_batching_dims}
         wide = [axis for axis in range(operand.ndim) if axis not in single]
         # window axes last, in the order of the operand's axes
@@ -280,10 +281,24 @@ def _scatter(combine: Build) -> Rule:
             possible = [_possible_indices(tracer, at, most) for at, most in zip(starts, last, strict=True)]
             for index in itertools.product(*possible):
                 cut = tuple(slice(i, i + size) for i, size in zip(index, sizes, strict=True))
-                total[cut] = _updated(tracer, combine, _is_at(tracer, starts, index), total[cut], new)
+                total[cut] = _updated(tracer, combined, _is_at(tracer, starts, index), total[cut], new)
         return [total]
 
     return rule
+
+
+def _applied(tracer: Tracer, equation: Any) -> Build | None:
+    """The function of old elements that `.at[].apply` has in place of new ones; None without one."""
+    function = equation.params["update_jaxpr"]
+    if equation.primitive.name != "scatter" or function is None:
+        return None
+    consts = [tracer.constants(np.asarray(value)) for value in equation.params["update_consts"]]
+
+    def applied(w: Writer, old: int, new: int) -> int:
+        (result,) = tracer.read_open(function, consts, [np.asarray(old), np.asarray(new)])
+        return int(result)
+
+    return applied
 
 
 def _is_at(tracer: Tracer, starts: list[int], index: Sequence[int]) -> int:

@@ -357,6 +357,8 @@ def _converted(operation: Operation, k: int, args: list[Series]) -> Series:
 def _scattered(operation: Operation, k: int, args: list[Series]) -> Series:
     """An array with elements set, or increased, at constant indices."""
     into, indices, values = args
+    if operation.name == "scatter" and operation.equation.params["update_jaxpr"] is not None:
+        raise NoRecurrenceError("elements changed by a function, as by .at[].apply")
     return [operation.bind(_filled(into[k], into[0]), indices[0], _filled(values[k], values[0]))]
 
 

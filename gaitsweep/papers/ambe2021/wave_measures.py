@@ -177,7 +177,8 @@ def neighbours_at_touchdown(table: pd.DataFrame, *, row: int, k: int) -> float:
     for leg, down in enumerate(of_legs(part, "contact").T > 0.5, start=1):
         lands = np.flatnonzero(~down[:-1] & down[1:] & (segment[:-1, leg - 1] == LANDING))
         # a foot that bounces lands again within its landing segment
-        lands = lands[np.diff(lands, prepend=-len(down)) > len(down) / 20]
+        elsewhere = np.cumsum(segment[:, leg - 1] != LANDING)
+        lands = lands[np.diff(elsewhere[lands], prepend=-1) > 0]
         expected = _segments_of_neighbours(leg, N, k)
         agree += [all(segment[at, j - 1] in allowed for j, allowed in expected.items()) for at in lands]
     if not agree:

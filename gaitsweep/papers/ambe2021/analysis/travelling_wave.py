@@ -146,10 +146,12 @@ def source_place(table: pd.DataFrame) -> pd.DataFrame:
         the share of starts of the set without a source or a meeting place at any leg; `starts` of the set.
 
     Raises:
-        AnalysisError: the table is not of the chain, or has no rows.
+        AnalysisError: the table is not of the chain, has no rows, or has inferred rows.
     """
     phases = _phases(table, "_end")
     require(table, "status", "gait", "k")
+    if np.any(table["status"].astype(str) == Status.inferred.name):
+        raise AnalysisError("This table has inferred rows, which have no k: run the job without run.refine.")
     if table.empty:
         raise AnalysisError("The table has no rows.")
     names = set_columns(table)

@@ -65,8 +65,11 @@ def joint_angles(x: jax.Array, z: jax.Array, length: Scalar, bend: Scalar) -> Po
         bend: sign of the knee angle, 1 or -1.
     """
     square = x * x + z * z
+    reach = 4.0 * length * length - square
+    # where the root is zero it has no derivative
+    root = jnp.where(reach > 0.0, jnp.sqrt(jnp.where(reach > 0.0, reach, 1.0)), 0.0)
     # half the knee angle, from an isosceles triangle
-    half = bend * jnp.arctan2(jnp.sqrt(jnp.maximum(4.0 * length * length - square, 0.0)), jnp.sqrt(square))
+    half = bend * jnp.arctan2(root, jnp.sqrt(square))
     return jnp.arctan2(-x, -z) - half, 2.0 * half
 
 
@@ -83,8 +86,8 @@ def joint_rates(
     square = x * x + z * z
     reach = 4.0 * length * length - square
     # the half knee angle a has cos a = r / (2 length), at the foot's distance r from the hip
-    slope = square * jnp.where(reach > 0.0, reach, jnp.inf)
-    half = -bend * (x * x_rate + z * z_rate) / jnp.sqrt(slope)
+    slope = jnp.sqrt(square * jnp.where(reach > 0.0, reach, 1.0))
+    half = jnp.where(reach > 0.0, -bend * (x * x_rate + z * z_rate) / slope, 0.0)
     return (z * x_rate - x * z_rate) / square - half, 2.0 * half
 
 
