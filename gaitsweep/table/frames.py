@@ -22,7 +22,6 @@ from gaitsweep.table.manifest import TABLE
 from gaitsweep.table.parquet_parts import CATEGORICAL, Footer
 
 MOST_SEPARATE = 40  # columns of a table in memory that are not joined to blocks of one type
-_TEXT = pd.Index([""]).dtype  # of categories, which depends on the version of pandas
 
 
 class PartRecords:
@@ -172,7 +171,7 @@ def _are_as_stored(frame: pd.DataFrame) -> bool:
     def is_as_stored(name: str, dtype: Any) -> bool:
         if isinstance(dtype, pd.CategoricalDtype):
             categories = dtype.categories
-            is_text = categories.dtype == _TEXT and all(type(category) is str for category in categories)
+            is_text = categories.dtype == _text() and all(type(category) is str for category in categories)
             return is_text and not dtype.ordered
         is_number = isinstance(dtype, np.dtype) and dtype.kind in "iufb" and dtype.isnative
         return is_number and dtype.itemsize <= 8 and name not in CATEGORICAL
@@ -225,11 +224,17 @@ def categorical(codes: ArrayLike, names: Sequence[str]) -> pd.Categorical:
     return pd.Categorical.from_codes(codes, dtype=_categories(tuple(names)))
 
 
+@functools.cache
+def _text() -> Any:
+    """Return the type of categories of text, which depends on the version of pandas."""
+    return pd.Index([""]).dtype
+
+
 # cached, since pandas takes longer to look for repeated names than a small column takes
 @functools.lru_cache(maxsize=256)
 def _categories(names: tuple[str, ...]) -> pd.CategoricalDtype:
     """Return the type of a column with these categories, of text even if there is none."""
-    return pd.CategoricalDtype(pd.Index(names, dtype=_TEXT))
+    return pd.CategoricalDtype(pd.Index(names, dtype=_text()))
 
 
 def _refuse_change(self: Any, *args: Any, **fields: Any) -> NoReturn:
