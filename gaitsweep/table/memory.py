@@ -169,7 +169,7 @@ class MemoryTable:
         return len(parts) == len(self.layout.blocks) and all(part.records is None for part in parts)
 
     def _joined(self, blocks: Mapping[int, pd.DataFrame]) -> pd.DataFrame:
-        """Join the records of `_blocks`, of which none may be a copy."""
+        """Join the records that `_blocks` yields, without a copy if they fill columns."""
         joined = blocks[0] if self._in_columns else joined_frames(list(blocks.values()))
         if joined is not None:
             return joined
