@@ -72,6 +72,15 @@ def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
     return quickly
 
 
+@pytest.fixture
+def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile kernels with optimisation, for a test whose rows run longer than that takes."""
+    from gaitsweep.engine.kernel import cpu_program
+
+    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
+    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
+
+
 def _unoptimised_over_points(function: Callable[..., Any]) -> Callable[..., Any]:
     """`map_derivatives.over_points` in a fifth of the compile time; results differ by rounding."""
     on_cpu = jax.default_backend() == "cpu"

@@ -13,7 +13,6 @@ from gaitsweep.analysis.continuation.branch_follower import ArclengthSteps
 from gaitsweep.analysis.continuation.continuation import continuation
 from gaitsweep.analysis.continuation.stable_ranges import range_of_gait, stable_ranges
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.job import load_job
@@ -156,13 +155,6 @@ def test_a_branch_followed_in_both_directions_has_one_range() -> None:
 @pytest.fixture(scope="module")
 def quadruped() -> BatchedReturnMap:
     return BatchedReturnMap(WaistQuadruped(), numerics=Numerics(dt=3e-4))
-
-
-@pytest.fixture
-def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile kernels with optimisation, which takes less time here than it saves."""
-    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
-    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
 
 
 @pytest.mark.slow

@@ -8,21 +8,14 @@ import pytest
 from gaitsweep.analysis.basins.edge_states import EdgeLimits, edge_states
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import newton
-from gaitsweep.engine.kernel import cpu_program
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 
 
-@pytest.fixture(autouse=True)
-def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile kernels with optimisation, which takes less time here than it saves."""
-    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
-    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
-
-
 @pytest.mark.slow
+@pytest.mark.usefixtures("optimised_kernels")
 def test_between_walk_and_trot_of_the_quadruped() -> None:
     """Over the waist's stiffness, edge states are the unstable fixed points that Newton's method finds.
 
@@ -82,6 +75,7 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("optimised_kernels")
 @pytest.mark.parametrize("dt", [3e-4, 1.5e-4])
 def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
     """At f = 2.6 Hz two attractors between walk and trot keep their ranges for 100 cycles.

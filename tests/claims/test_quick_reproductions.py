@@ -26,7 +26,7 @@ FEWER = {
     }
 }
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised_kernels")]
 
 
 @pytest.mark.parametrize("name", ["ambe2021", "aoi2011", "fukuoka2015"])

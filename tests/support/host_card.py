@@ -85,7 +85,9 @@ class HostCard:
         memory = np.full(max(size, 1), np.nan)
         return types.SimpleNamespace(memory=memory, handle=memory.ctypes.data)
 
-    allocate_pinned = allocate
+    def pinned(self, size: int) -> tuple[Any, np.ndarray]:
+        memory = self.allocate(size)
+        return memory, memory.memory
 
     def copy(self, source: Any, target: Any, size: int) -> None:
         assert size <= min(source.memory.size, target.memory.size)
