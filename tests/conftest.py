@@ -56,7 +56,10 @@ def pytest_configure(config: pytest.Config) -> None:
     # tests replace parts of the engine, and the programs of one would be given to another
     stored_traces.cache_folder = lambda _: None
     # tests compile more than a thousand kernels, most of them for a few rows
-    cpu_program.loaded_once = row_kernel.loaded_once = _compiled_quickly(cpu_program.loaded_once)
+    row_kernel.loaded_once = _compiled_quickly(cpu_program.loaded_once)
+    # optimised ones take longer to compile, and half as long for the many rows of slow tests
+    if config.option.markexpr != "slow":
+        cpu_program.loaded_once = row_kernel.loaded_once
     # and hundreds of maps, whose programs are little beside the kernels in them
     map_derivatives.over_points = _unoptimised_over_points
 
@@ -70,15 +73,6 @@ def _compiled_quickly(loaded_once: Callable[..., Any]) -> Callable[..., Any]:
         return loaded_once(*args, quick=True)
 
     return quickly
-
-
-@pytest.fixture
-def optimised_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile kernels with optimisation, for a test whose rows run longer than that takes."""
-    from gaitsweep.engine.kernel import cpu_program
-
-    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
-    monkeypatch.setattr(cpu_program, "loaded_once", optimised)
 
 
 def _unoptimised_over_points(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -158,7 +158,6 @@ def quadruped() -> BatchedReturnMap:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("optimised_kernels")
 @pytest.mark.parametrize(
     ("parameter", "fixed", "begin", "towards", "delta_13", "lost"),
     [

@@ -15,7 +15,6 @@ from gaitsweep.papers.aoi2011.waist_quadruped import WaistQuadruped
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("optimised_kernels")
 def test_between_walk_and_trot_of_the_quadruped() -> None:
     """Over the waist's stiffness, edge states are the unstable fixed points that Newton's method finds.
 
@@ -75,7 +74,6 @@ def test_between_walk_and_trot_of_the_quadruped() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("optimised_kernels")
 @pytest.mark.parametrize("dt", [3e-4, 1.5e-4])
 def test_narrow_attractors_between_walk_and_trot(dt: float) -> None:
     """At f = 2.6 Hz two attractors between walk and trot keep their ranges for 100 cycles.

@@ -137,7 +137,6 @@ def test_files_of_a_job_are_found_from_another_folder(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("optimised_kernels")
 def test_the_posterior_of_unstated_constants_is_calibrated(capsys: pytest.CaptureFixture[str]) -> None:
     """The example of docs/search.md with fewer draws: ranks of true values are uniform (Talts et al. 2018).
 

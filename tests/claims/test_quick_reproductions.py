@@ -26,7 +26,7 @@ FEWER = {
     }
 }
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("optimised_kernels")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("name", ["ambe2021", "aoi2011", "fukuoka2015"])

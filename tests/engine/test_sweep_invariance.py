@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gaitsweep.engine.kernel import cpu_program
+from gaitsweep.engine.kernel import cpu_program, row_kernel
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
@@ -61,7 +61,7 @@ def test_order_of_rows(whole) -> None:
 
 def test_a_quickly_compiled_kernel_gives_the_same_bits(whole, monkeypatch: pytest.MonkeyPatch) -> None:
     """Tests compile quickly; `quick=True` asks for a kernel of its own, which is optimised here."""
-    optimised = cpu_program.loaded_once.__wrapped__  # type: ignore[attr-defined]
+    optimised = row_kernel.loaded_once.__wrapped__  # type: ignore[attr-defined]
     asked = []
 
     def loaded_once(*args: Any, quick: bool) -> Any:

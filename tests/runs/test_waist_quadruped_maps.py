@@ -19,7 +19,6 @@ OF_THE_MAP = 0.03  # rad
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("optimised_kernels")
 def test_branches_over_beta_end_where_staircases_lose_the_gaits(tmp_path: Path) -> None:
     """Walk ends between 0.7485 and 0.7490, trot between 0.7520 and 0.7525 (waist_quadruped_beta_edges).
 
