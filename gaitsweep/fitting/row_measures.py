@@ -13,6 +13,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.bifurcation_tests import EDGE
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
+from gaitsweep.angles import direction
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -51,16 +52,19 @@ class Value(RowMeasure):
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         unsound = ~Status.SOUND.among(rows["status"])
         of_rows = column(self.of_, rows)
+        circular = self.circular(model)
+        known = np.isfinite(of_rows)
         if self.among is None:
-            circular = self.circular(model)
-            values = np.angle(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
+            values = direction(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
             without_rows = np.zeros(len(values), bool)
         else:
             is_counted = within(self.among, rows, model)
             unsound = unsound & is_counted
             without_rows = ~is_counted.any(axis=1)
-            values = _mean(of_rows, is_counted, circular=self.circular(model))
-        why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
+            known |= ~is_counted
+            values = _mean(of_rows, is_counted, circular=circular)
+        why = _why_none(self.of_, rows["status"], unsound, np.asarray(known.all(axis=1)))
+        why = np.where((why == "") & np.isnan(values), f"the angles {self.of_} cancel: no mean", why)
         why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
@@ -237,11 +241,11 @@ def _mean(
     *,
     circular: bool = False,
 ) -> Float[np.ndarray, " sets"]:
-    """Average the values that are counted, on the circle or not; NaN without any."""
+    """Average the values that are counted, on the circle or not; NaN without any, or if angles cancel."""
     number = is_counted.sum(axis=1)
     weight = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
     if circular:
-        return np.angle(weight * np.where(is_counted, np.exp(1j * values), 0.0).sum(axis=1))
+        return direction(weight * np.where(is_counted, np.exp(1j * values), 0.0).sum(axis=1))
     return weight * np.where(is_counted, values, 0.0).sum(axis=1)
 
 

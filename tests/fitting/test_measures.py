@@ -62,6 +62,14 @@ def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
         assert measure(kind, of="cos(turn)", **fields).field_error(["turn"], Turning()) is None
 
 
+def test_angles_that_cancel_have_no_value() -> None:
+    seen = rows(turn=[[0.3, 0.3 + np.pi, 0.3, 0.3 - np.pi]], apex=[[1.0] * 4])
+    for among in (None, {"apex": [0.0, 2.0]}):
+        result = measure("value", of="turn", among=among).of_sets(seen, Turning())
+        assert np.isnan(result.values[0])
+        assert "cancel" in result.why[0]
+
+
 def test_differences_of_angles_are_angles_and_their_ranges_are_arcs() -> None:
     seen = rows(turn=[[0.1, 6.2, 0.1, 6.2]], apex=[[1.0, 2.0, 3.0, 4.0]])
     for formula, middle in (("turn - 1.0", -1.0), ("pi + (0.5 - turn)", np.pi + 0.5)):
