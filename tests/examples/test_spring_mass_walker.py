@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import gaitsweep as gs
+from gaitsweep.examples.slip_runner import SlipRunner
 from gaitsweep.examples.spring_mass_walker import SpringMassWalker
 
 ALPHA, K, M, L0, G, ENERGY = np.deg2rad(69.0), 14e3, 80.0, 1.0, 9.81, 816.0
@@ -60,6 +61,18 @@ def test_walking_at_1_1_m_s_is_stable_and_symmetric() -> None:
     length = walk.images.points.at[0]
     assert next_apex(*walk.points.at[0, :2]) == pytest.approx(tuple(length[:2]), abs=1e-7)
     assert walk.images.observed["v_x"][0] == pytest.approx(1.1, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "rows"), [(SpringMassWalker, {"E": [700.0]}), (SlipRunner, {"speed": [0.5], "z_0": [1.1]})]
+)
+def test_a_start_with_too_little_energy_is_no_fall(model: type[gs.DeclaredModel], rows: dict) -> None:
+    with pytest.warns(UserWarning, match="could not begin") as warned:
+        table = gs.sweep(model(), **rows, verify=0).table
+    assert table["status"].tolist() == ["not_a_number"]
+    assert [str(each.message) for each in warned if "energy" in str(each.message)]
+    assert not [str(each.message) for each in warned if "foot" in str(each.message)]
 
 
 @pytest.mark.slow
