@@ -75,7 +75,8 @@ class Value(RowMeasure):
 class Edge(RowMeasure):
     """Value at which rows leave a gait: midway between the last hold that has it and the next.
 
-    Holds are read in the order written; the first has to have the gait.
+    Holds are read in the order written; the first has to have the gait. A hold that failed or did not settle
+    has no gait.
     """
 
     unit_field: ClassVar[str | None] = "along"
@@ -86,7 +87,7 @@ class Edge(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         holds = np.asarray(self.at[self.along])
-        has_gait = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
+        has_gait = (rows["gait"] == self.gait) & Status.SOUND.among(rows["status"])
         first_lost = np.where(has_gait.all(axis=1), holds.size, np.argmin(has_gait, axis=1))
         never = first_lost == 0
         always = first_lost == holds.size
@@ -102,14 +103,14 @@ class Edge(RowMeasure):
 
 
 class Share(RowMeasure):
-    """Share of rows that end in a gait; failed rows have no gait."""
+    """Share of rows that end in a gait; rows that failed or did not settle have no gait."""
 
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
     gait: Gaits = Field(description="the gait, or a list of which each counts")
     among: Ranges | None = AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        has_gait = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
+        has_gait = np.isin(rows["gait"], self.gait) & Status.SOUND.among(rows["status"])
         if self.among is None:
             return _without_missing(has_gait.mean(axis=1))
         values = _mean(has_gait.astype(float), within(self.among, rows, model))
@@ -122,7 +123,8 @@ class Share(RowMeasure):
 class Coexistence(RowMeasure):
     """Length of a parameter's range in which holds keep each of several gaits, from some start.
 
-    Each value of the list represents half of the distance to its neighbours (trapezoidal rule).
+    Each value of the list represents half of the distance to its neighbours (trapezoidal rule). Holds that
+    failed or did not settle have no gait.
     """
 
     unit_field: ClassVar[str | None] = "along"
@@ -134,12 +136,12 @@ class Coexistence(RowMeasure):
     along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        not_failed = ~Status.FAILED.among(rows["status"])
+        sound = Status.SOUND.among(rows["status"])
         lengths = [len(values) for values in self.at.values()]
         axis = list(self.at).index(self.along)
-        coexist = np.ones((len(not_failed), lengths[axis]), bool)
+        coexist = np.ones((len(sound), lengths[axis]), bool)
         for group in self.gaits:
-            has_gait = (np.isin(rows["gait"], group) & not_failed).reshape(-1, *lengths)
+            has_gait = (np.isin(rows["gait"], group) & sound).reshape(-1, *lengths)
             # values of the parameter, then all starts
             by_value = np.moveaxis(has_gait, axis + 1, 1).reshape(*coexist.shape, -1)
             coexist &= by_value.any(axis=2)

@@ -113,6 +113,15 @@ def test_a_share_of_several_gaits() -> None:
     assert measure("share", gait=["rest", "hop"]).of_sets(seen, TOY).values == [0.75]
 
 
+def test_rows_that_did_not_settle_have_no_gait() -> None:
+    seen = rows(gait=[["hop"] * 4])
+    seen["status"] = np.array([["complete", "complete", "cycle_limit", "time_limit"]])
+    assert measure("share", gait="hop").of_sets(seen, TOY).values == [0.5]
+    assert measure("edge", along="mass", gait="hop").of_sets(seen, TOY).values == [2.5]
+    both = measure("coexistence", along="mass", gaits=["hop", "hop"]).of_sets(seen, TOY)
+    assert both.values == pytest.approx([1.5])
+
+
 def test_a_coexistence_is_the_length_of_the_range_with_all_gaits() -> None:
     at = {"launch_1": [0.0, 1.0], "mass": [1.0, 2.0, 4.0]}
     gaits = [["rest", "rest", "rest", "hop", "hop", "rest"], ["hop"] * 6]
