@@ -88,6 +88,17 @@ def test_a_steep_branch_is_not_a_jump(steps: int) -> None:
     assert len(jumps(staircase_table(stairs=4), "delta_13", "f")) == 2
 
 
+@pytest.mark.parametrize("values", [[0.0, 1.0], [0.0, 1.0, 1.1], [0.0, 0.0, 0.1, 1.1]])
+def test_a_staircase_of_few_holds_jumps(values: list[float]) -> None:
+    """One or two changes have no quartile: the larger one is compared with the other, if there is one."""
+    holds = len(values)
+    table = pd.DataFrame({"row": 0, "pass": 0, "stair": range(holds), "f": np.arange(holds), "v_n": values})
+    for least in (0.15, None):
+        assert jumps(table, "v", "f", least)["size"].tolist() == [1.0]
+    even = table.assign(v_n=np.arange(holds))
+    assert len(jumps(even, "v", "f")) == (holds == 2)
+
+
 def test_edges_are_medians_over_rows_with_their_range() -> None:
     # the folds of row 3 lie 0.03 lower: at -0.415 they fall into the next interval
     table = staircase_table(4)
