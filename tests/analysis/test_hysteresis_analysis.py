@@ -15,6 +15,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
     loop_area,
     transition_points,
     transition_points_by_gait,
+    why_no_jump,
 )
 from gaitsweep.analysis.transitions.jumps import irregular_passes, jump_intervals, jumps, largest_jumps
 from tests.support.hysteresis_tables import (
@@ -70,6 +71,16 @@ def test_a_ramp_jumps_after_the_fold_by_its_lag(steps: int, centre: float) -> No
         assert first < FOLD + lag(steps) < last + 0.35 * lag(steps)
         assert last < FOLD + 1.6 * lag(steps)
         assert sign * jump["size"] == pytest.approx(0.8 * JUMP, rel=0.15)  # from a tenth to nine tenths of it
+
+
+def test_a_ramp_in_a_large_unit_asks_for_a_smaller_jump() -> None:
+    """The least jump of a ramp is in the observable's own unit, such as rad or m/s."""
+    table = ramp_table(steps=1000).rename(columns={"delta_13_n": "speed_n"})
+    small = table.assign(speed_n=0.01 * table["speed_n"])
+    assert not len(jumps(small, "speed", "f"))
+    assert "0.0077 at most: give a smaller least" in why_no_jump(small, "speed", "f")
+    assert len(jumps(small, "speed", "f", 0.0015)) == 2
+    assert "give a smaller" not in why_no_jump(small.assign(speed_n=0.5), "speed", "f")
 
 
 def test_noise_is_not_a_jump() -> None:
