@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -63,16 +64,23 @@ def test_walking_at_1_1_m_s_is_stable_and_symmetric() -> None:
     assert walk.images.observed["v_x"][0] == pytest.approx(1.1, abs=0.02)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("model", "rows"), [(SpringMassWalker, {"E": [700.0]}), (SlipRunner, {"speed": [0.5], "z_0": [1.1]})]
+    ("model", "low"),
+    [(SpringMassWalker(), {"E": 700.0, "z_0": 0.97}), (SlipRunner(), {"speed": 0.5, "z_0": 1.1})],
 )
-def test_a_start_with_too_little_energy_is_no_fall(model: type[gs.DeclaredModel], rows: dict) -> None:
-    with pytest.warns(UserWarning, match="could not begin") as warned:
-        table = gs.sweep(model(), **rows, verify=0).table
-    assert table["status"].tolist() == ["not_a_number"]
-    assert [str(each.message) for each in warned if "energy" in str(each.message)]
-    assert not [str(each.message) for each in warned if "foot" in str(each.message)]
+def test_a_start_with_too_little_energy_is_no_fall(model: gs.DeclaredModel, low: dict[str, float]) -> None:
+    @jax.jit
+    def begun(values: Any, starts: Any) -> tuple[Any, ...]:
+        params = model.params(values)
+        state = model.init(params, starts)
+        return state.v_x, model.without_start(params, state), model.failed(params, state)
+
+    for changed, begins in (({}, True), (low, False)):
+        groups = (model.parameters, model.initial_conditions)
+        speed, without, failed = begun(*({q.name: changed.get(q.name, q.default) for q in g} for g in groups))
+        assert [bool(mask) for mask in without.values()] == [not begins]
+        assert bool(np.isfinite(speed)) == begins
+        assert not failed
 
 
 @pytest.mark.slow
