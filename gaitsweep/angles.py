@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 if TYPE_CHECKING:
     import jax
 
 TURN = 2.0 * math.pi  # rad
 _AT_ZERO = 0.2  # rad: a cluster within so much below 2 pi is one at 0
+_LEAST_LENGTH = 1e-12  # mean resultant length of angles below which their direction is rounding
 
 Angles = TypeVar("Angles", "float", "np.ndarray", "jax.Array", "pd.Series")
 
@@ -50,7 +51,7 @@ def is_circular(table: pd.DataFrame, name: str) -> bool:
 
 
 def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
-    """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none.
+    """The circular mean of angles, rad, in [0, 2 pi); NaN if there are none, or if they cancel (0 and pi).
 
     Example:
         The mean of 350 and 30 degrees is 10 degrees, not 190:
@@ -62,8 +63,13 @@ def mean_direction(angles: Float[np.ndarray, " angles"]) -> float:
     """
     if not len(angles):
         return float("nan")
-    mean = float(np.mod(np.angle(np.exp(1j * np.asarray(angles, float)).sum()), TURN))
+    mean = float(np.mod(direction(np.exp(1j * np.asarray(angles, float)).mean()), TURN))
     return 0.0 if mean == TURN else mean  # a small negative angle becomes 2 pi by rounding
+
+
+def direction(resultant: Complex[np.ndarray, "*means"] | complex) -> Float[np.ndarray, "*means"]:
+    """The angles of mean resultants (complex, of any shape), rad; NaN where unit vectors cancel."""
+    return np.where(np.abs(resultant) > _LEAST_LENGTH, np.angle(resultant), np.nan)
 
 
 def branch_cut(angles: Float[np.ndarray, " angles"]) -> float:

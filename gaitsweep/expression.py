@@ -150,11 +150,12 @@ def resolve(
     return known
 
 
-def names_used(expression: str | float) -> set[str]:
+@functools.lru_cache(maxsize=1024)
+def names_used(expression: str | float) -> frozenset[str]:
     """The names that an expression uses, constants and functions left out; empty for a number."""
     if not isinstance(expression, str):
-        return set()
-    return names_of_tree(_parsed(expression)) - set(CONSTANTS)
+        return frozenset()
+    return frozenset(names_of_tree(_parsed(expression))).difference(CONSTANTS)
 
 
 def terms_of(expression: str) -> list[str]:

@@ -68,6 +68,8 @@ def extensions() -> Mapping[str, Extension]:
         ExtensionError: one does not import, is no `Extension`, has a text in place of a tuple, or adds a
             model or a function of a name that is taken.
     """
+    from gaitsweep import analyses  # which imports this module
+
     by_name: dict[str, Extension] = {}
     owners: dict[tuple[str, str], str] = {}  # of models and functions
     for entry, owner in _entries():
@@ -91,6 +93,11 @@ def extensions() -> Mapping[str, Extension]:
         remedy = f"uninstall {owner} or the other package"
         if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
+        for name in sorted(extension.functions.keys() & set(vars(analyses)["__all__"])):
+            raise ExtensionError(
+                f"The extension {entry.name} of {owner} has a function {name}, but gaitsweep.analyses has "
+                f"its own {name}, which hides it: rename it, or uninstall {owner}."
+            )
         for kind, names in (("model", extension.models), ("function", extension.functions)):
             for name in names:
                 if (kind, name) in owners:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
     from jaxtyping import Float
+
+
+def contact_signals(names: Iterable[object]) -> list[str]:
+    """The names contact_1, contact_2, ... among those of signals or columns, in the order of the feet."""
+    contacts = [str(name) for name in names if re.fullmatch(r"contact_[1-9]\d*", str(name))]
+    return sorted(contacts, key=lambda name: int(name.removeprefix("contact_")))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -97,7 +97,11 @@ class Status(ResultCode):
     )
     cycle_limit = 2, "The row reached run.max_cycles without settling."
     fell = 3, "The body fell: the model's function `failed` became true.", Verdict.failed
-    diverged = 4, "A state variable grew past the bound of divergence.", Verdict.failed
+    diverged = (
+        4,
+        "A state variable grew past 1e9 in its own unit; where such values are usual, take a larger unit.",
+        Verdict.failed,
+    )
     not_a_number = 5, "A state variable became NaN, or the model's period is not finite.", Verdict.failed
     event_stall = (
         6,

@@ -23,6 +23,12 @@ def test_the_circular_mean() -> None:
     assert mean_direction(np.array([-1e-17])) == 0.0  # not 2 pi
 
 
+def test_angles_that_cancel_have_no_mean() -> None:
+    assert np.isnan(mean_direction(np.array([0.3, 0.3 + np.pi])))
+    assert np.isnan(mean_direction(TURN * np.arange(30) / 30))
+    assert mean_direction(np.array([0.0, np.pi - 1e-6])) == pytest.approx(0.5 * np.pi, abs=1e-5)
+
+
 def test_the_circle_is_cut_where_no_angles_are() -> None:
     assert branch_cut(np.array([2.2, 2.5, 3.0])) == 0.0
     assert branch_cut(np.array([np.nan])) == 0.0

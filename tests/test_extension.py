@@ -15,6 +15,7 @@ from gaitsweep.extension import Extension, ExtensionError, extensions
 OTHER = Extension(models={"skipper": "other.model:Skipper"})
 TEXT = Extension(measures="other.measures")  # type: ignore[arg-type]
 WAVES = Extension(functions={"multilegged_theory": "other.waves:theory"})
+HIDDEN = Extension(functions={"attractors": "other.waves:attractors"})
 TAKEN = Extension(models={"multilegged": "other.model:Multilegged"})
 
 
@@ -68,6 +69,7 @@ def test_a_shipped_job_is_named_as_its_file_without_the_ending(installed, tmp_pa
         ("other", "__doc__", "which is not a gaitsweep.Extension"),
         ("other", "TAKEN", "ambe2021 and other both have a model multilegged: uninstall other"),
         ("other", "TEXT", r"has measures='other.measures', but must have a tuple of modules: \('other.m"),
+        ("other", "HIDDEN", "has a function attractors, but gaitsweep.analyses has its own attractors"),
         ("other", "WAVES", "ambe2021 and other both have a function multilegged_theory: uninstall other"),
         ("ambe2021", "OTHER", "two extensions named ambe2021: uninstall other"),
     ],

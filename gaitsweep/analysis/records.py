@@ -189,7 +189,9 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
     require(table, label)
     if label in table.attrs.get("quantities", {}) and label not in ("gait", *axes_of(table)):
         refuse_inferred(table, f"no {label}")
-    if "outcome" in table.columns and label == table.attrs.get("outcome_of", "gait"):
+    # the stored outcome is of the gait that the run gave: an edited one has another
+    stored_of = table.attrs.get("outcome_of", None if "status" in table.columns else "gait")
+    if "outcome" in table.columns and label == stored_of:
         return pd.Series(table["outcome"]).astype(object).fillna(Outcome.NO_GAIT.value)
     names = table[label].astype(object).map(str, na_action="ignore")
     status = table["status"] if "status" in table.columns else np.full(len(table), Status.complete.name)

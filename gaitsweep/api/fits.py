@@ -240,6 +240,10 @@ class _Fit(Generic[FitT]):
         run = Settle() if job_fields["run"] is None else job_fields["run"]
         fields = fields_without_axes(model, values, self.ranges, **{**job_fields, "run": run})
         section = {name: value for name, value in own_fields.items() if value is not None}
+        if self.section == "search" and not isinstance(model, str | type):
+            # an instance has a value for each name of its structure, also for those that a search frees
+            freed = own_fields["free"] or {}
+            fields["structure"] = {k: value for k, value in fields["structure"].items() if k not in freed}
         job = self.read({**fields, self.section: section}, Path.cwd())
         if out is not None:
             refuse_of_session(fields["model"])

@@ -25,7 +25,7 @@ from jaxtyping import Float, Real
 from gaitsweep.contract import Model, Quantity, Rates
 from gaitsweep.near_miss import suggestion
 from gaitsweep.own_modules import Stamp, stamp_of
-from gaitsweep.skeleton import Skeleton
+from gaitsweep.skeleton import Skeleton, contact_signals
 
 DUST = 1e-15  # rounding errors of constants that should be whole numbers
 # The stamps of an MJCF and of all files that it refers to; None for a missing file.
@@ -354,7 +354,7 @@ class OfMjcf(Model):
         """The geoms of the MJCF, and limbs if it has a site foot_1, ... for each signal contact_1, ..."""
         from gaitsweep.dynamics.mjcf_drawing import skeleton
 
-        feet = sum(name.startswith("contact_") for name in signals)
+        feet = len(contact_signals(signals))
         return skeleton(compiled(self.mjcf(values)), signals, feet, self.limbs)
 
 

@@ -43,10 +43,13 @@ class SlipRunner(DeclaredModel):
     phase = mode(DESCENDING, "descending, stance, ascending or fallen")
 
     def complete(self, p, s):
-        speed = jnp.sqrt(jnp.maximum(p.speed**2 + 2.0 * p.g * (p.l0 - s.z), 0.0))
-        # an apex below the height of touchdown leaves no room for the leg, one that is too high no speed
+        speed = jnp.sqrt(p.speed**2 + 2.0 * p.g * (p.l0 - s.z))  # a start with too little energy has none
+        # an apex below the height of touchdown leaves no room for the leg
         falls = (s.z <= p.ground(_reach(p)) + _touchdown(p)) | (speed <= 0.0)
         return s.replace(x=0.0, v_x=speed, v_z=0.0, phase=jnp.where(falls, FALLEN, s.phase))
+
+    def without_start(self, p, s):
+        return {"the height takes more than the energy, which speed sets": jnp.isnan(s.v_x)}
 
     def flow(self, p, s):
         length = _leg(s)

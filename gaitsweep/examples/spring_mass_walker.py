@@ -44,7 +44,11 @@ class SpringMassWalker(DeclaredModel):
         s = s.replace(support=support, x=jnp.where(flies, p.l0, s.x), v_z=0.0)
         s = s.replace(reach=jnp.where(support == DOUBLE, s.reach, 0.0))
         kinetic = p.E - p.m * p.g * s.z - self._stored(p, s)
-        return s.replace(v_x=jnp.sqrt(jnp.maximum(2.0 * kinetic / p.m, 0.0)))
+        # a start with too little energy has no speed
+        return s.replace(v_x=jnp.sqrt(2.0 * kinetic / p.m))
+
+    def without_start(self, p, s):
+        return {"height and springs take more than the energy E": jnp.isnan(s.v_x)}
 
     def _stored(self, p, s):
         """Energy (J) of the springs."""

@@ -13,6 +13,7 @@ from pydantic import Field
 from gaitsweep.analysis.continuation.bifurcation_tests import EDGE
 from gaitsweep.analysis.continuation.floquet_multipliers import multipliers
 from gaitsweep.analysis.continuation.newton import NewtonOutcome, newton
+from gaitsweep.angles import direction
 from gaitsweep.contract import Model
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -51,16 +52,19 @@ class Value(RowMeasure):
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         unsound = ~Status.SOUND.among(rows["status"])
         of_rows = column(self.of_, rows)
+        circular = self.circular(model)
+        known = np.isfinite(of_rows)
         if self.among is None:
-            circular = self.circular(model)
-            values = np.angle(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
+            values = direction(np.mean(np.exp(1j * of_rows), axis=1)) if circular else of_rows.mean(axis=1)
             without_rows = np.zeros(len(values), bool)
         else:
             is_counted = within(self.among, rows, model)
             unsound = unsound & is_counted
             without_rows = ~is_counted.any(axis=1)
-            values = _mean(of_rows, is_counted, circular=self.circular(model))
-        why = _why_none(self.of_, rows["status"], unsound, np.isfinite(values))
+            known |= ~is_counted
+            values = _mean(of_rows, is_counted, circular=circular)
+        why = _why_none(self.of_, rows["status"], unsound, np.asarray(known.all(axis=1)))
+        why = np.where((why == "") & np.isnan(values), f"the angles {self.of_} cancel: no mean", why)
         why = np.where(without_rows, _no_row(self.among), why)
         return Measured(np.where(why == "", values, np.nan), why)
 
@@ -71,7 +75,8 @@ class Value(RowMeasure):
 class Edge(RowMeasure):
     """Value at which rows leave a gait: midway between the last hold that has it and the next.
 
-    Holds are read in the order written; the first has to have the gait.
+    Holds are read in the order written; the first has to have the gait. A hold that failed or did not settle
+    has no gait.
     """
 
     unit_field: ClassVar[str | None] = "along"
@@ -82,7 +87,7 @@ class Edge(RowMeasure):
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
         holds = np.asarray(self.at[self.along])
-        has_gait = (rows["gait"] == self.gait) & ~Status.FAILED.among(rows["status"])
+        has_gait = (rows["gait"] == self.gait) & Status.SOUND.among(rows["status"])
         first_lost = np.where(has_gait.all(axis=1), holds.size, np.argmin(has_gait, axis=1))
         never = first_lost == 0
         always = first_lost == holds.size
@@ -98,14 +103,14 @@ class Edge(RowMeasure):
 
 
 class Share(RowMeasure):
-    """Share of rows that end in a gait; failed rows have no gait."""
+    """Share of rows that end in a gait; rows that failed or did not settle have no gait."""
 
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
     gait: Gaits = Field(description="the gait, or a list of which each counts")
     among: Ranges | None = AMONG
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        has_gait = np.isin(rows["gait"], self.gait) & ~Status.FAILED.among(rows["status"])
+        has_gait = np.isin(rows["gait"], self.gait) & Status.SOUND.among(rows["status"])
         if self.among is None:
             return _without_missing(has_gait.mean(axis=1))
         values = _mean(has_gait.astype(float), within(self.among, rows, model))
@@ -118,7 +123,8 @@ class Share(RowMeasure):
 class Coexistence(RowMeasure):
     """Length of a parameter's range in which holds keep each of several gaits, from some start.
 
-    Each value of the list represents half of the distance to its neighbours (trapezoidal rule).
+    Each value of the list represents half of the distance to its neighbours (trapezoidal rule). Holds that
+    failed or did not settle have no gait.
     """
 
     unit_field: ClassVar[str | None] = "along"
@@ -130,12 +136,12 @@ class Coexistence(RowMeasure):
     along: Text = Field(description="the parameter, whose list stands in `at` beside those of starts")
 
     def of_sets(self, rows: SetRows, model: Model) -> Measured:
-        not_failed = ~Status.FAILED.among(rows["status"])
+        sound = Status.SOUND.among(rows["status"])
         lengths = [len(values) for values in self.at.values()]
         axis = list(self.at).index(self.along)
-        coexist = np.ones((len(not_failed), lengths[axis]), bool)
+        coexist = np.ones((len(sound), lengths[axis]), bool)
         for group in self.gaits:
-            has_gait = (np.isin(rows["gait"], group) & not_failed).reshape(-1, *lengths)
+            has_gait = (np.isin(rows["gait"], group) & sound).reshape(-1, *lengths)
             # values of the parameter, then all starts
             by_value = np.moveaxis(has_gait, axis + 1, 1).reshape(*coexist.shape, -1)
             coexist &= by_value.any(axis=2)
@@ -237,11 +243,11 @@ def _mean(
     *,
     circular: bool = False,
 ) -> Float[np.ndarray, " sets"]:
-    """Average the values that are counted, on the circle or not; NaN without any."""
+    """Average the values that are counted, on the circle or not; NaN without any, or if angles cancel."""
     number = is_counted.sum(axis=1)
     weight = np.where(number > 0, 1.0 / np.maximum(number, 1), np.nan)
     if circular:
-        return np.angle(weight * np.where(is_counted, np.exp(1j * values), 0.0).sum(axis=1))
+        return direction(weight * np.where(is_counted, np.exp(1j * values), 0.0).sum(axis=1))
     return weight * np.where(is_counted, values, 0.0).sum(axis=1)
 
 

@@ -282,15 +282,15 @@ def check_constants(fit: FitJob) -> list[Diagnostic]:
     wrong = []
     for name, parameter in fit.free.items():
         path = (*fit.free_path, name)
+        # a search takes the job's value or a range of a constant; a sensitivity needs both
+        if fit.field == "search":
+            wrong.extend(_fixed_and_free(fit, name))
         if name in fit.spec.structure:
             if parameter.choices is None:
                 wrong.append(Diagnostic(path, "shapes the model: give its choices, not a range."))
         elif (unknown := fit.spec.unknown(name, "vary")) is not None:
             wrong.append(Diagnostic(path, unknown))
         else:
-            # a search takes the job's value or a range of a constant; a sensitivity needs both
-            if fit.field == "search":
-                wrong.extend(_fixed_and_free(fit, name))
             wrong.extend(Diagnostic(path, text) for text in _end_errors(parameter, fit.spec.quantities[name]))
     return wrong
 
@@ -299,7 +299,7 @@ def _fixed_and_free(fit: FitJob, name: str) -> list[Diagnostic]:
     """Return errors of a free constant that the job fixes too."""
     return [
         Diagnostic((*fit.free_path, name), f"is free, but {field}.{name} fixes it: take one of the two out.")
-        for field in ("params", "start")
+        for field in ("params", "start", "structure")
         if name in (fit.written.get(field) or {})
     ]
 

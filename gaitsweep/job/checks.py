@@ -27,6 +27,7 @@ from gaitsweep.schema.strict_model import kind_of
 _CHUNK = 50_000  # rows whose values are checked at a time
 # Turns of a path at which, and between which, formulas are checked; of a longer path its ends alone are.
 _MAX_TURNS = 20
+_PARTS = 32  # of the way between two turns, at whose ends formulas are checked
 
 
 def check_names(design: Design, spec: ModelSpec) -> list[Diagnostic]:
@@ -144,13 +145,13 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
     ]
     if diagnostics:
         return diagnostics
-    pairs = itertools.pairwise(turns)
-    between = [a + (b - a) * share for a, b in pairs for share in (0.25, 0.5, 0.75)]
+    pairs = {(min(pair), max(pair)) for pair in itertools.pairwise(turns)}
     for name in design.following(moving):
         # stairs may be whole where the places between turns are not
         is_whole = quantity.whole or spec.parameters[name].whole
-        values = [*sorted(set(turns)), *([] if is_whole else between)]
         rows = math.prod(design.groups[position].length for position in design.spans(name))
+        parts = 1 if is_whole else min(_PARTS, MAX_CHECKED // (rows * max(len(pairs), 1)))
+        values = [*sorted(set(turns)), *(a + (b - a) * k / parts for a, b in pairs for k in range(1, parts))]
         are_few = rows * len(values) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
         for value in values if are_few else (min(turns), max(turns)):
             design_at_value = dataclasses.replace(design, settings={**design.settings, moving: value})

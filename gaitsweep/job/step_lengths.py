@@ -100,7 +100,7 @@ def row_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> RowSt
 
 
 def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> list[Diagnostic]:
-    """Return errors about a step that is too long for some rows, or that neither job nor model gives.
+    """Return errors about a step that is too long or too short, or that neither job nor model gives.
 
     Args:
         design, run, numerics: as for `row_steps`.
@@ -117,6 +117,9 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     if (unknown := np.flatnonzero(np.isnan(longest))).size:
         longest = longest.copy()
         longest[unknown] = _from_spectrum(design, run, numerics, steps.rows[unknown])
+    if np.any(steps.dt < np.finfo(float).eps * np.where(longest < np.inf, longest, 0.0)):
+        text = f"is {numerics.dt:g} s, below the rounding of the time, which would not advance: remove it."
+        return [Diagnostic(("numerics", "dt"), text)]
     wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)
     if not wrong.size:
         return []

@@ -16,6 +16,7 @@ from gaitsweep.contract import HybridModel, Model, Quantity, names_gait
 from gaitsweep.engine.carry import unpacked
 from gaitsweep.engine.pushed_model import state_quantities
 from gaitsweep.row_outcome import RowOutcome
+from gaitsweep.skeleton import contact_signals
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.table.frames import categorical, outcomes
 
@@ -218,7 +219,8 @@ def label_fields(model: Model) -> list[Column]:
 
 def signals(model: Model) -> list[Column]:
     """The signals of a sample; contacts of feet count as repeating."""
-    return [Column(q.name, None, q, q.name.startswith("contact_")) for q in model.signals]
+    contacts = contact_signals(q.name for q in model.signals)
+    return [Column(q.name, None, q, q.name in contacts) for q in model.signals]
 
 
 def row_number(quantity: Quantity) -> Column:

@@ -8,22 +8,23 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field, PlainValidator, ValidationError, WithJsonSchema
 
 from gaitsweep import near_miss
 from gaitsweep.errors import UserError
 from gaitsweep.schema.diagnostics import quoted
 from gaitsweep.schema.numbers import (
+    WHOLE,
     Count,
     Flag,
     InvalidValue,
-    Positive,
     Text,
     Word,
     checked,
     read_flag,
     read_real,
     read_text,
+    read_whole,
 )
 from gaitsweep.schema.strict_model import SchemaSection, StrictModel, from_pydantic
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _FormatName = Literal["png", "pdf", "svg"]
 FORMATS: tuple[str, ...] = get_args(_FormatName)
 MILLIMETRES = {"column": 85.0, "page": 180.0}  # of one column of a paper, and of its full width
+_NUMBER = WithJsonSchema({"type": "number"})
 _HEX = re.compile(r"#[0-9A-Fa-f]{6}")
 
 
@@ -88,6 +90,9 @@ def _as_list(value: Any) -> Any:
 
 
 _Width = Annotated[float | Literal["column", "page"], BeforeValidator(checked(_read_width))]
+# larger ones would fill the memory with pixels
+_Height = Annotated[float, PlainValidator(checked(read_real, low=0.0, high=1000.0, open_ends=True)), _NUMBER]
+_Resolution = Annotated[int, PlainValidator(checked(read_whole, low=1, high=1200)), WHOLE]
 _Colour = Annotated[str, BeforeValidator(checked(_read_colour))]
 _Letters = Annotated[bool | list[str], BeforeValidator(checked(_read_letters))]
 _Format = Annotated[_FormatName, Word()]
@@ -99,14 +104,16 @@ class FigureStyle(StrictModel):
     width: _Width | None = Field(
         default=None, description="width of the figure: column (85 mm), page (180 mm), or a number of mm"
     )
-    height: Positive | None = Field(default=None, description="height of the figure, in mm")
+    height: _Height | None = Field(default=None, description="height of the figure, in mm, below 1000")
     panel_columns: Count | None = Field(
         default=None, description="number of panels beside each other; by default as many as have room"
     )
     format: Annotated[list[_Format], Field(min_length=1), BeforeValidator(_as_list)] | None = Field(
         default=None, description="file format, png, pdf or svg, or a list of these; by default png"
     )
-    dpi: Count | None = Field(default=None, description="pixels per inch of png files; by default 150")
+    dpi: _Resolution | None = Field(
+        default=None, description="pixels per inch of png files, at most 1200; by default 150"
+    )
     colours: dict[Text, _Colour] | None = Field(default=None, description="colours of gaits, by name")
     order: list[Text] | None = Field(default=None, description="gaits in the order of legends; others follow")
     labels: dict[Text, Text] | None = Field(

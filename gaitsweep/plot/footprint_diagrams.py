@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -22,7 +21,7 @@ from gaitsweep.plot.columns import PlotError, column, rows_where
 from gaitsweep.plot.kind import PlannedTable, Refusal, check_window, figure_kind
 from gaitsweep.plot.limbs import limb_colours, limbs_of_model, model_of, name_limbs
 from gaitsweep.schema.numbers import Flag, Text
-from gaitsweep.skeleton import Limb, LimbLook
+from gaitsweep.skeleton import Limb, LimbLook, contact_signals
 
 _NEAR = 0.3  # cycles: largest distance between swings of neighbours in one wave
 _EQUALLY_FAR = 1e-6  # cycles: of two swings as far as that from a third neither is the nearer one
@@ -90,8 +89,7 @@ def footprints(
         PlotError: the table lacks t, panels or the contacts, or a panel would show several rows.
     """
     column(table, "t")
-    matches = (re.fullmatch(r"contact_(\d+)", str(name)) for name in table.columns)
-    legs = sorted(int(match[1]) for match in matches if match)
+    legs = [int(name.removeprefix("contact_")) for name in contact_signals(table.columns)]
     if not legs:
         raise PlotError("The table has no columns contact_1, contact_2, ...: footprints need a trace.")
     parts: list[tuple[Any, pd.DataFrame]] = [(None, table)]

@@ -83,13 +83,17 @@ def hatches(names: Iterable[str]) -> dict[str, str]:
     own |= HATCHES
     recoloured = current().colours or {}
     hatch_of = {name: own[name] for name in names if name in own and name not in recoloured}
-    for name in names:
-        confusable = {
-            hatch_of[other] for other in hatch_of if contrast(colour[name], colour[other]) < CONTRAST
-        }
+    # of many gaits few colours differ
+    used: dict[str, set[str]] = {}
+    for name, hatch in hatch_of.items():
+        used.setdefault(colour[name], set()).add(hatch)
+    for name in (name for name in names if name not in hatch_of):
+        alike = [hatches for other, hatches in used.items() if contrast(colour[name], other) < CONTRAST]
+        confusable = set[str]().union(*alike)
         first = ("", own[name]) if name in own else ()
         free = (hatch for hatch in (*first, *_SPARE_HATCHES) if hatch not in confusable)
-        hatch_of.setdefault(name, next(free, _SPARE_HATCHES[-1]))
+        hatch_of[name] = next(free, _SPARE_HATCHES[-1])
+        used.setdefault(colour[name], set()).add(hatch_of[name])
     if current().hatches is False:
         hatch_of |= {name: "" for name in names if name not in HATCHES}
     return hatch_of

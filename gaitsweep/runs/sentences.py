@@ -194,6 +194,11 @@ def status_sentence(status: str, job: Mapping[str, Any], manifest: Mapping[str, 
     if status == Status.fell.name:
         meaning = (manifest.get("quantities") or {}).get("status", {}).get("meaning", "")
         return fall_sentence(meaning)
+    if status == Status.not_a_number.name and manifest.get("method") == "taylor":
+        return (
+            f"{sentence} The root of a variable, such as sqrt(x), has no Taylor series where x is 0: if the "
+            "flow has one, write numerics.method: tsit5."
+        )
     if status == Status.complete.name and run.get("kind") == "staircase":
         return "All stairs were recorded; the column `settled` says at the end of which the gait had settled."
     if status == Status.time_limit.name:

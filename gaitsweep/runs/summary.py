@@ -122,9 +122,10 @@ def _of_starts(context: RunContext) -> dict[str, Any]:
     parameters, starts = context.design.values_in(rows)
     of_rows = _period_and_faults_of_start(model, context.spec.numerics.dtype, context.spec.drive)
     period, beyond, without = of_rows(model.on_host(parameters), starts)
+    begins = ~np.any([np.zeros(rows.size, bool), *without.values()], axis=0)
     times = {"NaN": np.isnan(period), "0": period == 0.0, "a number below 0": period < 0.0}
     masks = {
-        STARTS_BEYOND: beyond,
+        STARTS_BEYOND: {name: mask & begins for name, mask in beyond.items()},
         WITHOUT_START: without,
         WITHOUT_PERIOD: {**times, "infinity": period == np.inf},
     }

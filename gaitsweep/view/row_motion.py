@@ -23,6 +23,7 @@ from gaitsweep.plot.column_labels import written
 from gaitsweep.plot.columns import rows_where
 from gaitsweep.plot.footprint_diagrams import contact_intervals, joined_stances
 from gaitsweep.runs.prepare import prepare
+from gaitsweep.skeleton import contact_signals
 from gaitsweep.status import Status
 from gaitsweep.table import load
 from gaitsweep.view.explorer.replay_groups import replayer_of
@@ -103,7 +104,7 @@ class RowMotion:
 
     def _landings(self) -> Iterator[Float[np.ndarray, " touchdowns"]]:
         """The touchdowns (s) of each foot in turn."""
-        for name in (name for name in self.signals if name.startswith("contact_")):
+        for name in contact_signals(self.signals):
             yield _touchdowns(self.t, self.signals[name], SHORTEST_CONTACT * self.period)
 
     def _whole_strides(self, first: float, last: float) -> Float[np.ndarray, 2]:
@@ -125,10 +126,11 @@ class RowMotion:
         """The signals at times (s), interpolated linearly; angles and contacts from the nearest sample."""
         edges = 0.5 * (self.t[1:] + self.t[:-1])
         nearest = np.searchsorted(edges, times)
-        circular = {quantity.name for quantity in self.model.signals if quantity.circular}
+        stepwise = {quantity.name for quantity in self.model.signals if quantity.circular}
+        stepwise.update(contact_signals(self.signals))
         at_times = {}
         for name, signal in self.signals.items():
-            if name in circular or name.startswith("contact_"):
+            if name in stepwise:
                 at_times[name] = signal[nearest]
             else:
                 at_times[name] = np.interp(times, self.t, signal)

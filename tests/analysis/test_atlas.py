@@ -353,6 +353,9 @@ def test_a_symmetry_of_no_finite_order_is_refused() -> None:
     shift = dataclasses.replace(ODD, symmetries=(("shift", lambda values, x: x + 1.0),))
     with pytest.raises(ArgumentError, match="shift generate more than 47 others"):
         shift.mirrored(shift.points([[0.1]]), {})
+    root = dataclasses.replace(ODD, symmetries=(("root", lambda values, x: jnp.sqrt(x - 2.0)),))
+    with pytest.raises(ArgumentError, match="symmetry root after root gives NaN"):
+        root.mirrored(root.points([[0.1]]), {})
 
 
 @pytest.mark.parametrize("within", [(-0.3, 0.7), (-1.0, 1.5), (-0.011, 3.0), (-2.0, 0.02)])

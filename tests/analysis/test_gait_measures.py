@@ -6,8 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import gaitsweep as gs
 from gaitsweep.analysis.records import AnalysisError
-from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import oscillation_along, speed_transitions
+from gaitsweep.papers.fukuoka2015.analysis.gait_bouts import (
+    after_dwell,
+    oscillation_along,
+    speed_transitions,
+)
 from gaitsweep.papers.fukuoka2015.analysis.gait_tables import (
     gait_measures,
     gaits_by_threshold,
@@ -164,3 +169,17 @@ def test_pitch_that_is_not_known_agrees_with_no_number_of_oscillations() -> None
     assert (bout["body_cycles"], bout["agree"]) == (2, 1.0)
     (bout,) = oscillation_along(table.assign(pitch=np.nan)).to_dict("records")
     assert np.isnan([bout["once"], bout["body_cycles"], bout["agree"]]).all()
+
+
+def test_each_row_of_joined_ramps_has_its_own_dwell() -> None:
+    """Joined jobs have no common dwell, and the parameter of each row begins to move at its own time."""
+    t = np.arange(10.0)
+    tables = []
+    for row, dwell in enumerate((2.5, 5.5)):
+        table = pd.DataFrame({"row": row, "t": t, "v_d": np.maximum(t - dwell, 0.0)})
+        table.attrs["job"] = {"run": {"kind": "ramp", "parameter": "v_d", "initial_dwell": dwell}}
+        tables.append(table)
+    joined = gs.concat(tables)
+    moving = after_dwell(joined)
+    assert [moving.loc[moving["row"] == row, "t"].min() for row in (0, 1)] == [3.0, 6.0]
+    assert [after_dwell(table)["t"].min() for table in tables] == [3.0, 6.0]

@@ -15,6 +15,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
     loop_area,
     transition_points,
     transition_points_by_gait,
+    why_no_jump,
 )
 from gaitsweep.analysis.transitions.jumps import irregular_passes, jump_intervals, jumps, largest_jumps
 from tests.support.hysteresis_tables import (
@@ -72,6 +73,16 @@ def test_a_ramp_jumps_after_the_fold_by_its_lag(steps: int, centre: float) -> No
         assert sign * jump["size"] == pytest.approx(0.8 * JUMP, rel=0.15)  # from a tenth to nine tenths of it
 
 
+def test_a_ramp_in_a_large_unit_asks_for_a_smaller_jump() -> None:
+    """The least jump of a ramp is in the observable's own unit, such as rad or m/s."""
+    table = ramp_table(steps=1000).rename(columns={"delta_13_n": "speed_n"})
+    small = table.assign(speed_n=0.01 * table["speed_n"])
+    assert not len(jumps(small, "speed", "f"))
+    assert "0.0077 at most: give a smaller least" in why_no_jump(small, "speed", "f")
+    assert len(jumps(small, "speed", "f", 0.0015)) == 2
+    assert "give a smaller" not in why_no_jump(small.assign(speed_n=0.5), "speed", "f")
+
+
 def test_noise_is_not_a_jump() -> None:
     result = jumps(ramp_table(2, steps=2000, noise=0.03), "delta_13", "f")
     assert result.groupby("row").size().tolist() == [2, 2]
@@ -86,6 +97,17 @@ def test_a_steep_branch_is_not_a_jump(steps: int) -> None:
     stairs["delta_13_n"] = np.mod(1.3 + 1.5 * stairs["f"], 2 * np.pi)  # 0.6 rad a stair
     assert not len(jumps(stairs, "delta_13", "f"))
     assert len(jumps(staircase_table(stairs=4), "delta_13", "f")) == 2
+
+
+@pytest.mark.parametrize("values", [[0.0, 1.0], [0.0, 1.0, 1.1], [0.0, 0.0, 0.1, 1.1]])
+def test_a_staircase_of_few_holds_jumps(values: list[float]) -> None:
+    """One or two changes have no quartile: the larger one is compared with the other, if there is one."""
+    holds = len(values)
+    table = pd.DataFrame({"row": 0, "pass": 0, "stair": range(holds), "f": np.arange(holds), "v_n": values})
+    for least in (0.15, None):
+        assert jumps(table, "v", "f", least)["size"].tolist() == [1.0]
+    even = table.assign(v_n=np.arange(holds))
+    assert len(jumps(even, "v", "f")) == (holds == 2)
 
 
 def test_edges_are_medians_over_rows_with_their_range() -> None:

@@ -68,6 +68,13 @@ def test_footfalls_and_flights_follow_from_loads() -> None:
         gait_measures.footfall_order(table, gait="RT-gallop")
 
 
+def test_a_foot_that_lands_twice_a_cycle_has_no_order() -> None:
+    table = trace("trot")
+    twice = table["t"] / 0.2 % 1.0 < 0.5  # a cycle takes 0.4 s
+    with pytest.raises(MeasureError, match="RH does not touch down once a cycle"):
+        gait_measures.footfall_order(table.assign(F_RH=30.0 * twice), gait="trot")
+
+
 def test_the_orders_of_the_paper() -> None:
     assert gait_measures.chart_order(gait="L-walk") == "LF-RH-RF-LH"
     assert gait_measures.chart_order(gait="R-canter") == "LF+RH-RF-LH"

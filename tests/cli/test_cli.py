@@ -527,7 +527,7 @@ def test_info_describes_a_directory(finished: Path, capsys: Capture) -> None:
 
 
 def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
-    def said(status: str, run: dict[str, object], **known: dict[str, Any]) -> str:
+    def said(status: str, run: dict[str, object], **known: Any) -> str:
         return status_sentence(status, {"run": run}, known)
 
     assert (
@@ -551,6 +551,8 @@ def test_statuses_name_the_limits_of_the_job_and_the_periods() -> None:
     )
     assert said("settled", {}) == gs.Status.settled.sentence  # of a table that does not count them
     assert said("cycle_limit", {}) == gs.Status.cycle_limit.sentence
+    assert "write numerics.method: tsit5" in said("not_a_number", {}, method="taylor")
+    assert said("not_a_number", {}, method="tsit5") == gs.Status.not_a_number.sentence
 
 
 def test_settings_have_units_and_omit_unknown_ones() -> None:

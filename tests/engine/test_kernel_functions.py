@@ -124,6 +124,15 @@ def test_the_exponential_at_whole_powers_of_two() -> None:
         np.testing.assert_array_equal(on_many(jnp.exp2, n), np.exp2(n))
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("exponent", [0.5, -0.5, 1.5])
+def test_powers_of_infinities(exponent: float, dtype: Any) -> None:
+    x = np.array([-np.inf, -1.0, 0.0, 4.0, np.inf, np.nan], dtype)
+    with np.errstate(all="ignore"):
+        right = np.power(x, np.full_like(x, exponent))
+        np.testing.assert_array_equal(on_many(lambda x: x**exponent, x), right)
+
+
 def test_powers_of_two() -> None:
     assert _units(*_both(jnp.exp2, np.exp2, np.concatenate([_between(-1022, 1023.9), _signed(TINY)]))) < 2
     mine, right = _both(jnp.exp2, np.exp2, _between(-1076, -1022))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 import gaitsweep as gs
@@ -88,3 +90,40 @@ def test_refusals(tmp_path: Path, run: str, words: list[str]) -> None:
 def test_a_ramp_of_gaits_needs_something_that_moves(tmp_path: Path) -> None:
     text = TEXT.format(run="{kind: trace, duration: 3, every: 1}") + "figures: [{kind: gait_ramp}]\n"
     assert "no parameter moves" in refused(written(tmp_path, text))
+
+
+class Tank(gs.DeclaredModel):
+    """A level that rises at the cube of an inflow, so along a ramp of the inflow as its fourth power."""
+
+    inflow = gs.parameter("1/s", "inflow", 0.0)
+    level = gs.variable("1", "level", 0.0)
+    clock = gs.variable("s", "clock", 0.0)
+
+    def flow(self, p: Any, s: Any) -> dict[str, Any]:
+        return {"level": p.inflow**3, "clock": 1.0}
+
+    @gs.event("ticks", section=True)
+    def ticks(self, p: Any, s: Any) -> Any:
+        return s.clock - 1.0
+
+    @ticks.jump
+    def begin(self, p: Any, s: Any) -> Any:
+        return s.replace(clock=0.0)
+
+    def period(self, p: Any) -> Any:
+        return jnp.ones(())
+
+
+@pytest.mark.slow
+def test_the_error_of_a_moving_parameter_follows_from_the_longest_step() -> None:
+    """Tolerances do not lower it; the self-check shows most of it."""
+    ramp = {"kind": "ramp", "parameter": "inflow", "path": [0.0, 10.0], "rate": 1.0}
+
+    def error(verify: int = 0, **numerics: Any) -> tuple[float, pd.DataFrame]:
+        table = gs.sweep(Tank(), run=ramp, numerics={"method": "tsit5", **numerics}, verify=verify).table
+        return float(np.abs(table["level_n"] - table["t"] ** 4 / 4.0).max()), table
+
+    coarse, table = error(verify=1)
+    assert error(rtol=1e-13, atol=1e-13)[0] == pytest.approx(coarse, rel=1e-6)
+    assert error(dt=0.02)[0] / error(dt=0.01)[0] == pytest.approx(4.0, rel=0.1)
+    assert table.attrs["manifest"]["self_check"]["largest"]["level"] > 0.7 * coarse

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.parameter_schedules import RampSchedule
+from gaitsweep.engine.recorders.recorder import DIVERGED
 from gaitsweep.engine.recorders.recordings import (
     CrossingRecorder,
     FixedTimeRecorder,
@@ -165,3 +167,9 @@ def test_labels_and_ends_of_rows_in_single_precision_are_computed_in_double() ->
         samples = np.ones((sum(counts), 1), np.float32)
         ended = dataclasses.replace(ended, record_counts=np.array(counts), samples=samples)
         assert end_values(ended).dtype == np.float64
+
+
+def test_the_bound_of_divergence_is_told() -> None:
+    """It is in each variable's own unit, so a model in micrometres may meet it."""
+    told = re.findall(r"past (\S+) in its own unit", Status.diverged.sentence)
+    assert [float(number) for number in told] == [DIVERGED]

@@ -183,3 +183,19 @@ def test_return_maps_have_derivatives_through_it() -> None:
     assert end[:2] == pytest.approx([top, 0.0], abs=1e-7)
     divergence = end[2]
     assert np.max(np.abs(mapping.multipliers(cycle))) == pytest.approx(np.exp(divergence), rel=1e-5)
+
+
+class Applied(VanDerPol):
+    """The oscillator, with an operation that JAX cannot differentiate."""
+
+    def flow(self, p, s):
+        rates = super().flow(p, s)
+        return {**rates, "x": jnp.stack([rates["x"], s.x]).at[1].apply(jnp.sin)[0]}
+
+
+@pytest.mark.slow
+def test_a_flow_without_derivative_runs_by_default_and_is_refused_where_one_is_needed() -> None:
+    once = {"mu": [1.0], "run": {"kind": "return_map", "crossings": 1}, "verify": 0}
+    assert gs.sweep(Applied(), **once).table["t"].iloc[-1] == pytest.approx(6.7, abs=0.1)
+    with pytest.raises(gs.JobError, match=r"takes the flow's derivative.* x.at\[i\].set"):
+        gs.sweep(Applied(), **once, numerics={"method": "rodas5p"})

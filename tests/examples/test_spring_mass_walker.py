@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import gaitsweep as gs
+from gaitsweep.examples.slip_runner import SlipRunner
 from gaitsweep.examples.spring_mass_walker import SpringMassWalker
 
 ALPHA, K, M, L0, G, ENERGY = np.deg2rad(69.0), 14e3, 80.0, 1.0, 9.81, 816.0
@@ -60,6 +62,25 @@ def test_walking_at_1_1_m_s_is_stable_and_symmetric() -> None:
     length = walk.images.points.at[0]
     assert next_apex(*walk.points.at[0, :2]) == pytest.approx(tuple(length[:2]), abs=1e-7)
     assert walk.images.observed["v_x"][0] == pytest.approx(1.1, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("model", "low"),
+    [(SpringMassWalker(), {"E": 700.0, "z_0": 0.97}), (SlipRunner(), {"speed": 0.5, "z_0": 1.1})],
+)
+def test_a_start_with_too_little_energy_is_no_fall(model: gs.DeclaredModel, low: dict[str, float]) -> None:
+    @jax.jit
+    def begun(values: Any, starts: Any) -> tuple[Any, ...]:
+        params = model.params(values)
+        state = model.init(params, starts)
+        return state.v_x, model.without_start(params, state), model.failed(params, state)
+
+    for changed, begins in (({}, True), (low, False)):
+        groups = (model.parameters, model.initial_conditions)
+        speed, without, failed = begun(*({q.name: changed.get(q.name, q.default) for q in g} for g in groups))
+        assert [bool(mask) for mask in without.values()] == [not begins]
+        assert bool(np.isfinite(speed)) == begins
+        assert not failed
 
 
 @pytest.mark.slow

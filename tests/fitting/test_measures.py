@@ -62,6 +62,14 @@ def test_an_angle_that_the_label_gives_is_averaged_on_the_circle() -> None:
         assert measure(kind, of="cos(turn)", **fields).field_error(["turn"], Turning()) is None
 
 
+def test_angles_that_cancel_have_no_value() -> None:
+    seen = rows(turn=[[0.3, 0.3 + np.pi, 0.3, 0.3 - np.pi]], apex=[[1.0] * 4])
+    for among in (None, {"apex": [0.0, 2.0]}):
+        result = measure("value", of="turn", among=among).of_sets(seen, Turning())
+        assert np.isnan(result.values[0])
+        assert "cancel" in result.why[0]
+
+
 def test_differences_of_angles_are_angles_and_their_ranges_are_arcs() -> None:
     seen = rows(turn=[[0.1, 6.2, 0.1, 6.2]], apex=[[1.0, 2.0, 3.0, 4.0]])
     for formula, middle in (("turn - 1.0", -1.0), ("pi + (0.5 - turn)", np.pi + 0.5)):
@@ -103,6 +111,15 @@ def test_rows_outside_the_range_may_fail() -> None:
 def test_a_share_of_several_gaits() -> None:
     seen = rows(gait=[["rest", "hop", "", "rest"]])
     assert measure("share", gait=["rest", "hop"]).of_sets(seen, TOY).values == [0.75]
+
+
+def test_rows_that_did_not_settle_have_no_gait() -> None:
+    seen = rows(gait=[["hop"] * 4])
+    seen["status"] = np.array([["complete", "complete", "cycle_limit", "time_limit"]])
+    assert measure("share", gait="hop").of_sets(seen, TOY).values == [0.5]
+    assert measure("edge", along="mass", gait="hop").of_sets(seen, TOY).values == [2.5]
+    both = measure("coexistence", along="mass", gaits=["hop", "hop"]).of_sets(seen, TOY)
+    assert both.values == pytest.approx([1.5])
 
 
 def test_a_coexistence_is_the_length_of_the_range_with_all_gaits() -> None:

@@ -471,6 +471,18 @@ def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
         searched(asked, tmp_path / "out")
 
 
+def test_a_structure_is_either_fixed_or_free() -> None:
+    asked = {**job(free={**TOY["search"]["free"], "N": {"choices": [1, 2]}}), "structure": {"N": 1}}
+    with pytest.raises(JobError, match=r"search.free.N is free, but structure.N fixes it"):
+        read_search(asked, Path.cwd())
+
+
+@pytest.mark.slow
+def test_the_structure_of_an_instance_may_be_free() -> None:
+    fields = job(free={"N": {"choices": [1, 2]}}, method="sobol", budget=2)["search"] | {"finalists": 0}
+    assert sorted(gs.search(toy_model.Toy(), **fields, run=gs.Settle()).table["N"].astype(str)) == ["1", "2"]
+
+
 class Counted(toy_model.Toy):
     @property
     def parameters(self) -> tuple[gs.Quantity, ...]:

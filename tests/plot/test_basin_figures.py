@@ -167,7 +167,7 @@ def test_missing_values_of_a_hue_or_of_panels_are_drawn() -> None:
     rendered(figure)
     assert [text.split()[0] for text in legend_texts(figure)] == ["failed"]  # the others are on a scale
     rendered(draw("recovery", one.assign(recovery=pd.Series("recovered", one.index).where(first)), **axes))
-    without = one.assign(outcome=pd.Series("walk", one.index).where(first))
+    without = one.assign(gait=pd.Series("walk", one.index).where(first))
     assert [text.split()[0] for text in legend_texts(draw("basin", without, **axes))] == ["walk", "none"]
     rendered(draw("gait_map", without, **axes))
     rendered(draw("basin_measures", table().assign(p=lambda t: t["p"].where(t["p"] > 2.0)), panels="p"))

@@ -24,7 +24,7 @@ from gaitsweep.plot.arguments import fields_of
 from gaitsweep.plot.column_labels import described
 from gaitsweep.plot.columns import PlotError
 from gaitsweep.plot.figure_layout import wrapped
-from gaitsweep.plot.figure_style import FORMATS, FigureStyle, StyleError, styled
+from gaitsweep.plot.figure_style import FORMATS, FigureStyle, StyleError, read_style, styled
 from gaitsweep.plot.theme import angle_axis, angle_ticks, in_pi
 from gaitsweep.runs.figures import draw_figures
 from gaitsweep.table import Snapshot
@@ -296,6 +296,13 @@ def test_shares_and_captions_are_left_out() -> None:
     bare = plot.draw("basin", settle_table(), **BASIN, caption=False)
     assert bare.legends[0].get_title().get_text() == ""
     assert "%" in bare.axes[0].get_title()
+
+
+@pytest.mark.parametrize(("name", "value"), [("dpi", 100_000), ("height", 1e6), ("dpi", 0), ("height", 0)])
+def test_a_picture_that_would_fill_the_memory_is_refused(name: str, value: float) -> None:
+    with pytest.raises(StyleError, match=rf"{name} is .*, but must be"):
+        read_style(**{name: value})
+    assert read_style(dpi=1200, height=999.0).dpi == 1200
 
 
 @pytest.mark.slow

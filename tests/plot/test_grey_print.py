@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from gaitsweep.extension import extensions
-from gaitsweep.plot import style, theme
+from gaitsweep.plot import gait_looks, style, theme
 from gaitsweep.status import Outcome
 
 OUTCOMES = ["none", Outcome.NOT_SETTLED, Outcome.FAILED]
@@ -35,6 +35,13 @@ def test_gaits_of_one_figure_differ_in_lightness_or_in_hatch_and_marker(names: l
     assert alike([*names, "none"], theme.markers([*names, "none"])) == []
     with style(hatches=False):
         assert not any(theme.hatches(names).values())
+
+
+def test_hatches_of_many_gaits_compare_few_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared: list[tuple[str, str]] = []
+    monkeypatch.setattr(gait_looks, "contrast", lambda *pair: compared.append(pair) or 1.0)
+    theme.hatches([f"gait {number}" for number in range(300)])
+    assert len(compared) <= 300 * len(gait_looks.SPARE_COLOURS)
 
 
 def test_gaits_in_colours_of_the_style_differ_in_grey_print() -> None:

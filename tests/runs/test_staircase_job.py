@@ -125,7 +125,13 @@ BAD = [
     ({"path": [4, "stiffness"]}, {}, ["run.path[1]", "stiffness moves in this run"]),
     ({}, {"params": {"kick": "8-stiffness"}}, ["params.kick is", "where the staircase has stiffness = 9"]),
     # at both ends 5.25
-    ({}, {"params": {"kick": "(stiffness-6.5)**2-1"}}, ["params.kick is", "staircase has stiffness = 6.5"]),
+    (
+        {},
+        {"params": {"kick": "(stiffness-6.5)**2-1"}},
+        ["params.kick is", "stiffness = 5.5625"],
+    ),
+    # below 0 between 6 and 6.2 alone
+    ({}, {"params": {"kick": "(stiffness-6.1)**2-0.01"}}, ["params.kick is", "stiffness = 6.03125"]),
     ({"step": 1e-4}, {}, ["run.step is 0.0001, which gives 100001 stairs; at most 10000 are allowed"]),
     ({"step": 1e-320}, {}, ["run.step is", "at most 10000 are allowed"]),
     ({"dwells": 3}, {}, ["run.dwells is not a field of run (staircase); did you mean dwell?"]),

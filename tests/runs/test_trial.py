@@ -89,6 +89,24 @@ def test_a_model_without_labels_counts_no_gaits() -> None:
     assert "none" not in repr(result)
 
 
+class Inside(Unlabelled):
+    """The spring, which cannot begin beyond the wall."""
+
+    def complete(self, p, s):
+        return s.replace(v=jnp.where(s.x > 10.0, jnp.nan, s.v))
+
+    def without_start(self, p, s):
+        return {"it is outside": jnp.isnan(s.v)}
+
+
+@pytest.mark.slow
+def test_a_row_that_cannot_begin_is_beyond_no_surface() -> None:
+    with pytest.warns(UserWarning, match="it is outside"):
+        result = gs.sweep(Inside, x_0=[0.5, 12.0], run=gs.Settle(max_cycles=20), verify=0)
+    assert result.manifest["without_start"] == {"it is outside": {"rows": 1, "row": 1}}
+    assert "starts_beyond" not in result.manifest
+
+
 class Walled(Unlabelled):
     """Its wall is at 0.8 m, and its start by default at 1 m."""
 

@@ -37,6 +37,11 @@ def test_analyses_read_the_column(tmp_path: Path) -> None:
     assert outcome_labels(table, "gait").tolist() == list(table["outcome"])
     worked_out = outcome_labels(table.drop(columns="outcome"), "gait")
     assert worked_out.tolist() == list(table["outcome"])
+    assert outcome_labels(table.drop(columns="status"), "gait").tolist() == list(table["outcome"])
+    edited = pd.concat([table.assign(gait="limp"), table], ignore_index=True)
+    settled = np.flatnonzero(table["status"] == "settled")
+    assert settled.size
+    assert set(outcome_labels(edited, "gait").iloc[settled]) == {"limp"}
     # what starts come to by another label is no outcome of the gait
     by_another = table.assign(outcome="a")
     by_another.attrs["outcome_of"] = "attractor"

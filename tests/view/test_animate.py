@@ -28,7 +28,7 @@ from gaitsweep.job import Job
 from gaitsweep.papers.ambe2021.multilegged.model import Multilegged
 from gaitsweep.papers.fukuoka2015.planar_quadruped.model import PlanarQuadruped
 from gaitsweep.plot.limbs import limb_colours
-from gaitsweep.skeleton import Limb, Skeleton
+from gaitsweep.skeleton import Limb, Skeleton, contact_signals
 from gaitsweep.table import Snapshot
 from gaitsweep.view import row_motion
 from gaitsweep.view import row_movie as movie
@@ -247,6 +247,19 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
     assert told == []
     movie._end(motion, t[0], 4.0, told.append)
     assert told == ["The motion of the row, and with it the figure, ends at 4856.8 s."]
+
+
+def test_only_numbered_contacts_are_those_of_feet() -> None:
+    t = np.array([0.0, 1.0, 2.0])
+    signals = {"contact_2": np.array([0.0, 1.0, 1.0]), "contact_force": np.array([0.0, 1.0, 2.0])}
+    motion = RowMotion(PlanarQuadruped(), {}, t, signals, 0.2, "", ())
+    between = motion.at(np.array([0.75]))
+    assert between["contact_force"] == pytest.approx(0.75)
+    assert between["contact_2"] == 1.0
+    assert contact_signals(["t", "contact_10", "contact_2", "contact_force", "contact_"]) == [
+        "contact_2",
+        "contact_10",
+    ]
 
 
 @pytest.mark.parametrize(

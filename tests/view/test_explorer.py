@@ -24,9 +24,11 @@ from typer.testing import CliRunner
 
 import gaitsweep as gs
 from gaitsweep import view
+from gaitsweep.analysis.atlas.branch import StoredPoint
 from gaitsweep.api.result import Result
 from gaitsweep.cli import commands
 from gaitsweep.contract import Quantity
+from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.examples.hopper import Hopper
 from gaitsweep.plot import theme
 from gaitsweep.runs.dataset import MissingPackageError
@@ -40,6 +42,7 @@ from gaitsweep.view.explorer.page_format import (
     motion_fields,
     packed,
 )
+from gaitsweep.view.explorer.replay_groups import _points_of_records
 from gaitsweep.view.explorer.replays import Motion, Pictures, Stretch, pictures_of
 from gaitsweep.view.explorer.start_map import CELLS, StartMap, boundary, map_of, spread, subgrid, with_next
 from gaitsweep.view.movie.animation import Clip
@@ -1113,3 +1116,12 @@ def test_the_page_in_a_browser(basins: Path, tmp_path: Path) -> None:
         assert page.evaluate("document.getElementById('map').getBoundingClientRect().width") > 300
         page.screenshot(tmp_path / "phone.png")
         assert page.errors == []
+
+
+def test_points_of_a_branch_are_found_again_where_the_parameter_is_zero() -> None:
+    """There the parameter is rounding, of which no digit is the same in another run."""
+    at = StoredPoint(Points(np.zeros((1, 1)), ()))
+    table = pd.DataFrame({"row": 0, "point": [0, 1, 2], "mu": [-0.5, 1e-17, 0.5]})
+    followed = pd.DataFrame({"row": 0, "point": [0, 1, 2], "mu": [-0.5, -3e-17, 0.5 + 1e-6], "at": at})
+    found = _points_of_records(table, np.array([0]), followed, ["point"], "mu")
+    assert sorted(found) == [0, 1]

@@ -326,7 +326,8 @@ def attractors(
         table: a settle table.
         columns: the columns of the state; by default all observables (psi_1_end, ...).
         grain: distance below which states are equal, in the columns' unit; by default ten cycles at the
-            tolerance of the table's run. It is doubled while there are more than some thousand cells.
+            tolerance of the table's run, of columns with a scale of 1 (angles): of others give `scales`. It
+            is doubled while there are more than some thousand cells.
         link: the longest link within an attractor; by default from the widest gap in the links' lengths.
         corners: whether lines that meet at a corner are separate attractors.
         scales: the unit of each column in the distance; by default 1 in the column's own unit.

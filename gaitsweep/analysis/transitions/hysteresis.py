@@ -173,7 +173,8 @@ def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: flo
     Raises:
         AnalysisError: the table does not have a column.
     """
-    passes = sum(len(np.unique(course.passes)) for course in courses(table, observable, parameter))
+    all_courses = list(courses(table, observable, parameter))
+    passes = sum(len(np.unique(course.passes)) for course in all_courses)
     if not passes:
         return f"No row has two records with a value of {observable}."
     irregular = len(irregular_passes(table, observable, parameter, least))
@@ -182,7 +183,10 @@ def why_no_jump(table: pd.DataFrame, observable: str, parameter: str, least: flo
     if least is None and "stair" in table.columns:
         rule = "is four times as large as those beside it and changes the gait or a twentieth of the range"
     else:
-        rule = f"is {LEAST_JUMP if least is None else least:g} or more, and four times as large as usual"
+        size = LEAST_JUMP if least is None else least
+        rule = f"is {size:g} or more, and four times as large as usual"
+        if 0.0 < (spread := max(float(np.ptp(course.value)) for course in all_courses)) < size:
+            rule += f" (in a row it changes by {spread:.2g} at most: give a smaller least)"
     left_out = f" {irregular} of {passes} passes jump to and fro, and are left out." if irregular else ""
     return f"No pass jumps: no change of {observable} {rule}.{left_out}"
 

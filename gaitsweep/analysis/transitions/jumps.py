@@ -295,7 +295,10 @@ def _between_holds(
 ) -> list[Stretch]:
     """The jumps between holds; changes in one direction across unsettled holds are one jump."""
     change = np.diff(value)
-    steep = STEEPER * float(np.quantile(np.abs(change), 0.25))
+    sizes = np.sort(np.abs(change))
+    # the quartile of one or two changes is made of the largest one itself
+    usual = np.quantile(sizes, 0.25) if len(sizes) > 2 else sizes[:-1].sum()
+    steep = STEEPER * float(usual)
     moves = []
     begin = 0
     while begin < len(change):

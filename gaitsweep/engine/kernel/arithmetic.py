@@ -193,6 +193,6 @@ def power(w: Writer, x: int, y: int) -> int:
     known = w.program.value(y)
     if known is not None and float(known).is_integer() and abs(known) <= 16:
         return whole_power(w, x, int(known))
-    if known == 0.5:
-        return w("sqrt", x)
+    if known == 0.5:  # the power of -infinity is infinity, its root NaN
+        return w("select", w("eq", x, -math.inf), math.inf, w("sqrt", x))
     return w("pow", x, converted(Writer(w.program, y), y, w.kind))

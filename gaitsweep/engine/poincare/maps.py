@@ -403,7 +403,7 @@ def group_of(
 
     Raises:
         ArgumentError: the symmetries generate more than `MAX_ELEMENTS`, so that one of them is no symmetry of
-            finite order.
+            finite order; or one of them gives NaN.
     """
     random = np.random.default_rng(SEED)
     numbers = [random.uniform(0.1, 0.9, np.shape(leaf)) for leaf in float_leaves(state)]
@@ -418,10 +418,16 @@ def group_of(
         for inner_name, inner in latest.items():
             for outer_name, outer in generators.items():
                 combined = _after(outer, inner)
+                name = f"{outer_name} after {inner_name}"
                 image = np.asarray(read(combined(params, generic)))
+                if np.isnan(image).any():
+                    raise ArgumentError(
+                        f"The symmetry {name} gives NaN for a state whose variables are all between 0.1 and "
+                        "0.9, so it cannot be compared with others: it has to map all states."
+                    )
                 if not any(np.allclose(image, other, rtol=0.0, atol=SAME_IMAGE) for other in images):
                     images.append(image)
-                    combinations[f"{outer_name} after {inner_name}"] = combined
+                    combinations[name] = combined
         elements |= combinations
         if len(elements) > MAX_ELEMENTS:
             raise ArgumentError(

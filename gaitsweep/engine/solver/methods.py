@@ -6,7 +6,9 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, Literal
 
-from gaitsweep.contract import FixedStepDynamics, HybridModel, Model
+import jax
+
+from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, State
 from gaitsweep.dynamics.ground import is_uneven
 from gaitsweep.engine.content import cached_by_content
 from gaitsweep.engine.solver.exponential import PROPAGATOR, PROPAGATOR6, exponential
@@ -185,6 +187,32 @@ def _adaptive_refusal(name: str, model: HybridModel, precision: Precision) -> st
     size, _ = counts_of_state(model)
     if size > MAX_VARIABLES:
         return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
+    if (lacking := _lacking_derivative(model)) is not None:
+        return (
+            f"is {name}, which takes the flow's derivative, but JAX has none in {model.name} ({lacking}). Use"
+            " tsit5, or write x.at[i].set(f(x[i])) for x.at[i].apply(f)."
+        )
+    return None
+
+
+@cached_by_content(maxsize=64)
+def _lacking_derivative(model: HybridModel) -> str | None:
+    """JAX's words about an operation of a flow without derivative; None if all have one."""
+    return stored("lacking_derivative", model, (), lambda: _refused_derivative(model))
+
+
+def _refused_derivative(model: HybridModel) -> str | None:
+    """The result of `_lacking_derivative`, for which the model is traced."""
+
+    def derived(params: Params, state: State) -> Any:
+        moving = {name: getattr(state, name) for name in jax.eval_shape(model.flow, params, state)}
+        flow = lambda moved: model.flow(params, dataclasses.replace(state, **moved))  # noqa: E731
+        return jax.jvp(flow, (moving,), (moving,))
+
+    try:
+        jax.eval_shape(derived, *shapes_of(model))
+    except NotImplementedError as error:
+        return str(error)
     return None
 
 

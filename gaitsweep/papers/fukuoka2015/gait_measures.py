@@ -43,6 +43,9 @@ from gaitsweep.papers.fukuoka2015.planar_quadruped.nine_gaits import (
 )
 from gaitsweep.papers.fukuoka2015.planar_quadruped.rhythm import ACROSS, BESIDE, Motors, swinging
 
+# Largest deviation of the times between touchdowns from one cycle, where a foot lands once a cycle; its share
+_CYCLE_TOLERANCE = 0.2
+
 
 def _known_gait(name: str) -> str:
     """The name of a gait unchanged, for a claim's arguments; raises ArgumentError for another name."""
@@ -338,7 +341,11 @@ def _footfalls(part: pd.DataFrame) -> dict[str, float]:
         lands[leg] = t[stances(t, part[f"F_{leg}"].to_numpy(float) > 0.0)[1:, 0]]
         if len(lands[leg]) < 2:
             raise MeasureError(f"{leg} touches down fewer than two times.")
-    turns = TURN / float(np.median(np.diff(lands["LF"])))
+    cycle = float(np.median(np.diff(lands["LF"])))
+    for leg, times in lands.items():
+        if np.any(np.abs(np.diff(times) / cycle - 1.0) > _CYCLE_TOLERANCE):
+            raise MeasureError(f"{leg} does not touch down once a cycle.")
+    turns = TURN / cycle
     after = {leg: (times[:, None] - lands["LF"][None]).ravel() for leg, times in lands.items()}
     return {leg: float(mean_direction(turns * lag)) / TURN for leg, lag in after.items()}
 

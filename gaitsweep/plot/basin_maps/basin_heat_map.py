@@ -28,7 +28,7 @@ from gaitsweep.plot.arguments import (
     Title,
     Vertical,
 )
-from gaitsweep.plot.basin_maps.cells import cell_grid, check_cells, colour_cells, hatch_cells
+from gaitsweep.plot.basin_maps.cells import cell_grid, check_cells, check_hue, colour_cells, hatch_cells
 from gaitsweep.plot.column_labels import axis_label, described, unit_of, written
 from gaitsweep.plot.columns import (
     HATCHED,
@@ -55,7 +55,13 @@ _NAMES_A_LINE = 3  # of a legend without shares
 _Looks = tuple[dict[str, str], ...]  # colour, marker and hatch of each outcome, the same in all panels
 
 
-@figure_kind("settle", "fixed_time", check=check_cells)
+def _check_basin(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse several rows in one cell, and a hue that inferred rows do not have."""
+    yield from check_hue(figure, table)
+    yield from check_cells(figure, table)
+
+
+@figure_kind("settle", "fixed_time", check=_check_basin)
 def basin(
     table: pd.DataFrame,
     *,
@@ -375,7 +381,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
         named = " and ".join(f"{column} in {unit or '1'}" for column, unit in units.items())
         yield ("y",), f"is {figure.y}, but a shock is a distance and needs equal units: {named}."
     else:
-        yield from check_cells(figure, table)
+        yield from _check_basin(figure, table)
 
 
 @figure_kind("settle", "fixed_time", check=_check, coloured="none")

@@ -22,6 +22,7 @@ from gaitsweep.analysis.basins.measures import Basins, basins
 from gaitsweep.analysis.records import axes_of
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
+from gaitsweep.plot.basin_maps.cells import check_hue
 from gaitsweep.plot.column_labels import axis_label, digits_of, unit_of, written
 from gaitsweep.plot.columns import column, is_angle, rows_where
 from gaitsweep.plot.figure_style import current
@@ -50,6 +51,7 @@ def _check(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             yield ("axes", number), f"is {name}, which is not numeric: use axes of the job."
         elif name in axes[:number] or name == figure.panels:
             yield ("axes", number), f"is {name}, which is named twice."
+    yield from check_hue(figure, table)
     if figure.hue == "attractor" and table.run.refined(table.rows) is not None:
         text = "is attractor, but run.refine infers rows, which have no state that identifies an attractor."
         yield ("hue",), text

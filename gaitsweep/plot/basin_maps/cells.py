@@ -15,6 +15,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
+from gaitsweep.kinds.columns import quantities_of
 from gaitsweep.plot.columns import is_drawn, is_logarithmic, listed_values
 from gaitsweep.plot.kind import PlannedTable, Refusal
 
@@ -40,6 +41,15 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
             f"leaves out {name}, which varies too, so a cell of {figure.x} and {figure.y} would have "
             f"several rows; name it as panels, or fix its value under {field}.",
         )
+
+
+def check_hue(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
+    """Refuse outcomes by a column that inferred rows do not have."""
+    if table.run.refined(table.rows) is None or figure.hue in ("gait", *table.varied):
+        return
+    if figure.hue in quantities_of(table.model, table.run.all_columns(table.model)):
+        text = "but run.refine infers rows, of which the gait alone is known"
+        yield ("hue",), f"is {figure.hue}, {text}: use gait, or leave run.refine out."
 
 
 class CellGrid(NamedTuple):

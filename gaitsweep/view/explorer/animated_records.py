@@ -18,7 +18,7 @@ from gaitsweep.plot.limbs import limbs_of_model
 from gaitsweep.runs.prepare import RunContext
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.self_check_result import changes, circular, sizes
-from gaitsweep.skeleton import LimbLook
+from gaitsweep.skeleton import LimbLook, contact_signals
 from gaitsweep.status import RECURRENT, Status
 from gaitsweep.view.explorer.page_format import (
     compressed,
@@ -244,7 +244,7 @@ class AnimatedRecords:
         if self._parts is not None and self._parts.names:
             named = zip(self._parts.names, self._parts.pairs, strict=True)
             return tuple(LimbLook(name, pair, far) for name, (pair, far) in named)
-        return limbs_of_model(self._model, sum(q.name.startswith("contact_") for q in self._model.signals))
+        return limbs_of_model(self._model, len(contact_signals(q.name for q in self._model.signals)))
 
     def _sentence(self, walks: list[dict[str, Any]], simulated: int) -> str:
         """Format the number of animated records, and of those that differ from the table."""

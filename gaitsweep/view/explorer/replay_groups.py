@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-import math
 from collections.abc import Hashable, Sequence
 from typing import Any
 
@@ -37,7 +36,7 @@ _SPARE_CYCLES = 1.5  # cycles may be longer than the nominal period
 _MAX_WINDOWS = 60  # of a ramp
 _CYCLES_AROUND = 30  # of a record of a ramp
 _TIME_TOLERANCE = 1e-9  # s, and relative
-_PARAMETER_TOLERANCE = 1e-9  # relative difference of a parameter on a branch that is followed again
+_PARAMETER_TOLERANCE = 1e-9  # difference of a parameter on a branch followed again, relative to its largest
 _MAX_FOLLOWING_TIME = 600.0  # s of following branches again
 
 
@@ -312,13 +311,14 @@ def _points_of_records(
     """
     numbers = [table[name].to_numpy(np.int64) for name in ("row", *point_names)]
     record_of = {key: record for record, key in enumerate(zip(*numbers, strict=True))}
+    parameters = table[moved].to_numpy(float)
+    closest = _PARAMETER_TOLERANCE * np.abs(parameters).max(initial=0.0)
     points = {}
     for point in followed.to_dict("records"):
         record = record_of.get((int(rows[point["row"]]), *(point[name] for name in point_names)))
         if record is None or not isinstance(point.get("at"), BranchPoints | StoredPoint):
             continue
-        parameter = float(table[moved].iloc[record])
-        if math.isclose(point[moved], parameter, rel_tol=_PARAMETER_TOLERANCE):
+        if abs(point[moved] - parameters[record]) <= closest:
             points.setdefault(record, point)
     return points
 

@@ -20,7 +20,7 @@ from gaitsweep.engine.recorders.recordings import WindowsRecorder
 from gaitsweep.engine.sweep.sweep import sweep
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import RowOutcome
-from gaitsweep.skeleton import Skeleton
+from gaitsweep.skeleton import Skeleton, contact_signals
 from gaitsweep.view.movie.animation import Clip
 from gaitsweep.view.movie.side_view import (
     bounds,
@@ -193,7 +193,7 @@ class Replayer:
         self.periods = np.where(known, periods, periods[known].min() if known.any() else _NO_PERIOD)
         self.every = float(self.periods.min()) / SAMPLES_PER_CYCLE
         self.parts: BodyParts | None = None
-        self._contacts = [q.name for q in model.signals if q.name.startswith("contact_")]
+        self._contacts = contact_signals(q.name for q in model.signals)
 
     def replayed(self, windows: Windows, on_progress: OnProgress | None = None) -> Iterator[ReplayedRow]:
         """The rows one after the other, simulated in one batch."""

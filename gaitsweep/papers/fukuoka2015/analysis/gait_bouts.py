@@ -212,9 +212,14 @@ def speed_transitions(table: pd.DataFrame, by: str | Sequence[str] = (), cycles:
 
 
 def after_dwell(table: pd.DataFrame) -> pd.DataFrame:
-    """The records after the parameter has begun to move."""
-    dwell = table.attrs.get("job", {}).get("run", {}).get("initial_dwell", 0.0)
-    moving = table.loc[table["t"] >= dwell]
+    """The records of each row after its parameter has begun to move."""
+    run = table.attrs.get("job", {}).get("run", {})
+    begin: Any = run.get("initial_dwell", 0.0)
+    parameter = _parameter(table)
+    if "initial_dwell" not in run and parameter in table.columns:  # rows of several jobs
+        moves = table[parameter] != table.groupby("row")[parameter].transform("first")
+        begin = table["t"].where(moves).groupby(table["row"]).transform("min")
+    moving = table.loc[table["t"] >= begin]
     moving.attrs = table.attrs
     return moving
 
