@@ -17,12 +17,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 from gaitsweep.errors import UserError
+from gaitsweep.lazy_imports import attach_stub
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "gaitsweep.extensions"
 Style = tuple[str, str] | tuple[str, str, str]  # colour, marker, hatch
+_ANALYSES = Path(__file__).with_name("analyses") / "__init__.py"
 _CHECKOUT = Path(__file__).parents[1] / "pyproject.toml"
 
 
@@ -68,8 +70,7 @@ def extensions() -> Mapping[str, Extension]:
         ExtensionError: one does not import, is no `Extension`, has a text in place of a tuple, or adds a
             model or a function of a name that is taken.
     """
-    from gaitsweep import analyses  # which imports this module
-
+    own_analyses = {*attach_stub("gaitsweep.analyses", str(_ANALYSES))[2]}
     by_name: dict[str, Extension] = {}
     owners: dict[tuple[str, str], str] = {}  # of models and functions
     for entry, owner in _entries():
@@ -93,7 +94,7 @@ def extensions() -> Mapping[str, Extension]:
         remedy = f"uninstall {owner} or the other package"
         if entry.name in by_name:
             raise ExtensionError(f"There are two extensions named {entry.name}: {remedy}.")
-        for name in sorted(extension.functions.keys() & set(vars(analyses)["__all__"])):
+        for name in sorted(extension.functions.keys() & own_analyses):
             raise ExtensionError(
                 f"The extension {entry.name} of {owner} has a function {name}, but gaitsweep.analyses has "
                 f"its own {name}, which hides it: rename it, or uninstall {owner}."

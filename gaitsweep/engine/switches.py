@@ -60,7 +60,6 @@ _CALLS = {
     *("custom_jvp_call", "custom_vjp_call", "custom_vjp_call_jaxpr"),
 }
 _SMOOTH_CALLS = {"logaddexp", "logaddexp2"}
-_JAX = os.path.dirname(jax.__file__)
 
 
 class Switching(NamedTuple):
@@ -89,7 +88,8 @@ def _written_out(equation: JaxprEqn) -> ClosedJaxpr | None:
     inner = inner_program(equation)
     if inner is None or (written := inner.jaxpr.debug_info) is None:
         return inner
-    of_jax = (written.func_filename or "").startswith(_JAX)  # a user's function may have the same name
+    # a user's function may have the same name
+    of_jax = (written.func_filename or "").startswith(os.path.dirname(jax.__file__) + os.sep)
     return None if of_jax and written.func_name in _SMOOTH_CALLS else inner
 
 

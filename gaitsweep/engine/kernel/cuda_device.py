@@ -142,7 +142,7 @@ class CudaDevice:
             self.use().sync()  # an interrupted run may have a copy under way
         numbers = (ctypes.c_double * size).from_address(int(memory.handle))
         weakref.finalize(numbers, _put_back, memory)
-        return memory, np.frombuffer(numbers, np.float64)
+        return memory, np.ctypeslib.as_array(numbers)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
         """Copy numbers from one memory to another, after all earlier launches.
