@@ -27,7 +27,7 @@ from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
-from gaitsweep.shipped import shipped
+from gaitsweep.shipped import config_file, shipped
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 TABLE = "claims.parquet"
@@ -284,10 +284,10 @@ def _source(file: Path, job: PaperJob) -> _JobSource:
     """The model and the constants that a job's file names."""
     try:
         data = {**read_document(file).data, **job.set_}
-        if "config" not in data:
+        if (name := data.get("config")) is None:
             return _JobSource(str(data.get("model", "")), "defaults")
-        config = file.parent / str(data["config"])
-        return _JobSource(str(read_document(config).data.get("model", "")), config.stem)
+        config = config_file(str(name), file.parent)
+        return _JobSource(str({**read_document(config).data, **data}.get("model", "")), config.stem)
     except UserError:  # its run reports the error, and fails alone
         return _JobSource("", "")
 

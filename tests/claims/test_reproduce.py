@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.reliability.faults import FAULTS, ROOT
 from gaitsweep.analysis.records import ColumnError
-from gaitsweep.claims.claims_and_verdicts import known_papers, read_paper
+from gaitsweep.claims.claims_and_verdicts import PaperJob, known_papers, read_paper
 from gaitsweep.claims.measures import MEASURES, MeasureError, difference_of_shares, share, texts, value
-from gaitsweep.claims.reproduce import reproduce
+from gaitsweep.claims.reproduce import _source, reproduce
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
@@ -92,6 +92,21 @@ def test_every_claim_has_a_verdict(
     assert main(["reproduce", str(table_of_claims), *answered]) == 0
     assert main(["reproduce", str(table_of_claims), *answered, "--strict"]) == 3
     assert (out / "quick" / "basins" / "manifest.json").stat().st_mtime_ns == made
+
+
+@pytest.mark.parametrize(
+    ("text", "source"),
+    [
+        ("config: builtin:ambe2021\n", ("multilegged", "ambe2021")),
+        ("model: multilegged_reduced\nconfig: builtin:ambe2021\n", ("multilegged_reduced", "ambe2021")),
+        ("model: multilegged_reduced\n", ("multilegged_reduced", "defaults")),
+    ],
+)
+def test_a_job_has_the_model_and_the_constants_that_it_names(
+    text: str, source: tuple[str, str], tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(text)
+    assert _source(tmp_path / "small.yaml", PaperJob(job="small.yaml")) == source
 
 
 @pytest.mark.slow
