@@ -13,6 +13,7 @@ from pydantic import AfterValidator
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.angles import in_nearest_turn, is_circular
 from gaitsweep.contract import Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import fulfilled, read_condition, resolve
@@ -106,13 +107,14 @@ _REDUCTIONS: dict[Reduction, Callable[[pd.Series], float]] = {
     "last": lambda column: column.iloc[-1],
     "count": pd.Series.count,
 }
+_OF_ALL: tuple[Reduction, ...] = ("min", "max", "median", "mean")
 
 
 @measure
 def value(
     table: pd.DataFrame, *, column: str, where: Condition | None = None, take: Reduction = "median"
 ) -> float:
-    """One number from a column, in its unit.
+    """One number from a column, in its unit; of angles in the turn in which they are nearest to each other.
 
     Args:
         table: a result table.
@@ -130,6 +132,8 @@ def value(
     if take not in _REDUCTIONS:
         raise MeasureError(f"take is {take}{suggestion(take, _REDUCTIONS)}")
     try:
+        if take in _OF_ALL and is_circular(table, column):
+            values = in_nearest_turn(values)
         return float(_REDUCTIONS[take](values))
     except (TypeError, ValueError):
         text = f"The values of {column} are not numbers: use the measure texts, or take: count."

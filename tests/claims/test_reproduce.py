@@ -253,6 +253,12 @@ def test_general_measures() -> None:
     assert value(table, column="speed", where="gait == 'walk'", take="mean") == 2.5
     assert value(table, column="speed", where="gait == 'pace'", take="count") == 0
     assert texts(table, column="gait") == ["walk", "trot"]
+    # angles around 0, and others, which stay in their turn
+    angles = pd.DataFrame({"psi_1": [6.2, 0.1, 0.0, 6.1], "delta": [-0.4, -0.1, -0.2, -0.3]})
+    assert value(angles, column="psi_1", take="mean") == pytest.approx(3.1 - np.pi)
+    assert value(angles, column="psi_1", take="max") == pytest.approx(0.1)
+    assert value(angles, column="psi_1", take="last") == 6.1
+    assert value(angles, column="delta", take="min") == -0.4
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
         lambda: value(table, column="gait"),
