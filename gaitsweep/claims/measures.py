@@ -216,10 +216,14 @@ def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = Fals
 
 
 def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
-    """The values of a column: booleans and numbers unchanged, others as objects; missing ones are NaN."""
-    if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
+    """The values of a column for conditions: numbers, truth values, or objects; missing ones are NaN.
+
+    Truth values of which some are missing are numbers, 0 and 1.
+    """
+    is_flags = pd.api.types.infer_dtype(column, skipna=True) == "boolean"
+    if is_flags and not column.hasnans:
         return column.to_numpy(bool)
-    if pd.api.types.is_numeric_dtype(column.dtype):
+    if is_flags or pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(np.float64, na_value=np.nan)
     return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
 
