@@ -44,6 +44,10 @@ def measure(function: Measure) -> Measure:
     return function
 
 
+class Angle(float):
+    """An angle (rad), which is the same after a whole turn."""
+
+
 class MeasureError(AnalysisError):
     """A table lacks data that a measure needs; the message is a sentence."""
 
@@ -132,9 +136,9 @@ def value(
     if take not in _REDUCTIONS:
         raise MeasureError(f"take is {take}{suggestion(take, _REDUCTIONS)}")
     try:
-        if take in _OF_ALL and is_circular(table, column):
-            values = in_nearest_turn(values)
-        return float(_REDUCTIONS[take](values))
+        if take == "count" or not is_circular(table, column):
+            return float(_REDUCTIONS[take](values))
+        return Angle(_REDUCTIONS[take](in_nearest_turn(values) if take in _OF_ALL else values))
     except (TypeError, ValueError):
         text = f"The values of {column} are not numbers: use the measure texts, or take: count."
         raise MeasureError(text) from None

@@ -16,7 +16,14 @@ import pandas as pd
 import yaml
 
 from gaitsweep.analysis.records import ColumnError
-from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, Paper, PaperJob, verdict
+from gaitsweep.claims.claims_and_verdicts import (
+    Claim,
+    ClaimVerdict,
+    Paper,
+    PaperJob,
+    in_turn_of,
+    verdict,
+)
 from gaitsweep.claims.measures import MEASURES, Value, plain_value
 from gaitsweep.claims.page import page
 from gaitsweep.errors import ArgumentError, ModelError, UserError
@@ -228,6 +235,7 @@ class _PaperRun:
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
             reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
             return _Judgement(None, missed, reason)
+        ours = in_turn_of(claim, ours)
         reason = f"finer steps change the verdict: {claim.step}" if claim.step else ""
         return _Judgement(ours, verdict(claim, ours), reason)
 

@@ -44,6 +44,8 @@ claims:
      paper: 1, tolerance: 1, because: exact}
   - {id: long, where: Fig. 3, claim: Whole only., measure: share, of: [basins],
      with: {where: "status == 'settled'"}, paper: 1, tolerance: 0, because: exact, quick: false}
+  - {id: a_turn_off, where: Fig. 3, claim: An angle., measure: value, of: [basins],
+     with: {column: psi_2, where: row == 0}, paper: -5.5, tolerance: 0.01, unit: rad, because: exact}
 """
 
 
@@ -70,8 +72,9 @@ def test_every_claim_has_a_verdict(
         "not_there": "not run",
         "of_lost": "not run",
         "long": "not run",
+        "a_turn_off": "reproduced",
     }
-    assert result.loc["all_settle", "ours"] == "1"
+    assert result.loc[["all_settle", "a_turn_off"], "ours"].tolist() == ["1", "-5.49779"]
     assert result[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
         True,
         "multilegged_reduced",
@@ -80,10 +83,10 @@ def test_every_claim_has_a_verdict(
     assert "nothing is not a column of this table" in result.loc["not_there", "why"]
     assert result.loc["all_settle", "command"].startswith("gaitsweep run ")
     message = capsys.readouterr().out
-    assert "1 of 5 claims reproduced, 1 not reproduced, 3 not run." in message
+    assert "2 of 6 claims reproduced, 1 not reproduced, 3 not run." in message
     assert "far_off (not reproduced): 1; paper: 0\n" in message
     page = (out / "index.html").read_text()
-    assert page.count("<article") == 5
+    assert page.count("<article") == 6
     assert page.count("data:image/png") == 1
     assert "two ways" in page
     assert "http" not in page
