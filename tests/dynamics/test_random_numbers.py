@@ -126,6 +126,7 @@ def test_a_wheel_on_rough_ground_follows_its_markov_chain_on_each_engine() -> No
     same(rows["kernel"], others)
 
 
+@pytest.mark.slow
 def test_a_wheel_that_starts_after_some_impacts_goes_on_with_the_slopes_after_them() -> None:
     """It began with the slope of foothold 1, and then left out the one of foothold 6."""
     wheel, p = RimlessWheel(), scalars(RimlessWheel(), roughness=0.05, seed=3.0)
