@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import jax
 
 TURN = 2.0 * math.pi  # rad
+_ROUNDING = 1e-9  # rad
 _AT_ZERO = 0.2  # rad: a cluster within so much below 2 pi is one at 0
 _LEAST_LENGTH = 1e-12  # mean resultant length of angles below which their direction is rounding
 
@@ -105,3 +106,10 @@ def unwrap_from(angles: Float[np.ndarray, " angles"], origin: float | None) -> F
     """
     values = np.asarray(angles, float)
     return values if origin is None else origin + np.mod(values - origin, TURN)
+
+
+def in_nearest_turn(angles: pd.Series) -> pd.Series:
+    """Angles (rad) of a cluster: unchanged, or in another turn if their range is smaller there."""
+    values = angles.to_numpy(float)
+    turned = pd.Series(unwrap_from(values, branch_cut(values)), angles.index)
+    return turned if turned.max() - turned.min() < angles.max() - angles.min() - _ROUNDING else angles

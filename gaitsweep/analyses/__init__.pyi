@@ -24,6 +24,7 @@ from gaitsweep.analysis.transitions.hysteresis import (
 from gaitsweep.analysis.transitions.jumps import LEAST_JUMP as LEAST_JUMP
 from gaitsweep.analysis.transitions.return_map import fixed_points as fixed_points
 from gaitsweep.angles import TURN as TURN
+from gaitsweep.angles import is_circular as is_circular
 from gaitsweep.angles import mean_direction as mean_direction
 from gaitsweep.angles import unwrap_from as unwrap_from
 from gaitsweep.angles import wrapped_difference as wrapped_difference

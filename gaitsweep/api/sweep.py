@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
@@ -19,7 +20,7 @@ from gaitsweep.engine.content import held_contents
 from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
 from gaitsweep.kinds import Perturb, Settle, Trace
-from gaitsweep.runs.sentences import WITHOUT_START, fall_sentence
+from gaitsweep.runs.sentences import WITHOUT_START, status_sentence
 from gaitsweep.status import Status
 
 if TYPE_CHECKING:
@@ -89,11 +90,13 @@ def simulate(
         job = job_with(min(cycle / SAMPLES_PER_CYCLE, duration))
     recorded = run_in_memory(job).table
     status = Status[str(recorded["status"].iloc[-1])]
-    if status.name in Status.FAILED:
+    if status is not Status.complete:
         for reason in recorded.attrs["manifest"].get(WITHOUT_START) or {}:
             raise ArgumentError(f"The trajectory cannot begin: {reason}.")
-        meaning = recorded.attrs["quantities"]["status"]["meaning"]
-        sentence = fall_sentence(meaning) if status is Status.fell else status.sentence
+        about = {"quantities": recorded.attrs["quantities"]}
+        sentence = status_sentence(status.name, recorded.attrs["job"], about)
+        if np.isnan(recorded["t"].to_numpy(float)).all():
+            sentence += f" Nothing was recorded: that begins after {after_cycles} section crossings."
         warn(f"The trajectory ended as {status.name}: {sentence}")
     signals = recorded.drop(columns=["row", "gait", "status", "stalled_by"])
     quantities = recorded.attrs["quantities"]

@@ -17,7 +17,8 @@ from pydantic import Field, PlainValidator, PrivateAttr, TypeAdapter, Validation
 
 from gaitsweep import near_miss
 from gaitsweep.analysis.records import names_in
-from gaitsweep.claims.measures import MEASURES, Value
+from gaitsweep.angles import TURN
+from gaitsweep.claims.measures import MEASURES, Angle, Value
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.extension import ExtensionError, folders, import_all
 from gaitsweep.schema.diagnostics import Diagnostic, quoted, unknown_name
@@ -348,6 +349,15 @@ class ClaimVerdict(enum.StrEnum):
         "not run",
         "no verdict: --quick leaves it out, its job did not run, or its measure does not fit its table",
     )
+
+
+def in_turn_of(claim: Claim, ours: Value) -> Value:
+    """A measured angle in the turn in which it is nearest to what a claim allows; other values unchanged."""
+    low, high = claim.interval or (claim.paper, claim.paper)
+    if not isinstance(ours, Angle) or not isinstance(low, float) or not isinstance(high, float):
+        return ours
+    turns = round((ours - 0.5 * (low + high)) / TURN) if math.isfinite(low + high + ours) else 0
+    return ours - turns * TURN
 
 
 def verdict(claim: Claim, ours: Value) -> ClaimVerdict:

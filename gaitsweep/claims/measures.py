@@ -13,6 +13,7 @@ from pydantic import AfterValidator
 
 from gaitsweep import models
 from gaitsweep.analysis.records import AnalysisError, require
+from gaitsweep.angles import in_nearest_turn, is_circular
 from gaitsweep.contract import Quantity
 from gaitsweep.errors import ArgumentError
 from gaitsweep.expression import fulfilled, read_condition, resolve
@@ -41,6 +42,10 @@ def measure(function: Measure) -> Measure:
     if MEASURES.setdefault(name, function) is not function:
         raise ValueError(f"A measure named {name} exists already: choose another name.")
     return function
+
+
+class Angle(float):
+    """An angle (rad), which is the same after a whole turn."""
 
 
 class MeasureError(AnalysisError):
@@ -106,13 +111,14 @@ _REDUCTIONS: dict[Reduction, Callable[[pd.Series], float]] = {
     "last": lambda column: column.iloc[-1],
     "count": pd.Series.count,
 }
+_OF_ALL: tuple[Reduction, ...] = ("min", "max", "median", "mean")
 
 
 @measure
 def value(
     table: pd.DataFrame, *, column: str, where: Condition | None = None, take: Reduction = "median"
 ) -> float:
-    """One number from a column, in its unit.
+    """One number from a column, in its unit; of angles in the turn in which they are nearest to each other.
 
     Args:
         table: a result table.
@@ -130,7 +136,9 @@ def value(
     if take not in _REDUCTIONS:
         raise MeasureError(f"take is {take}{suggestion(take, _REDUCTIONS)}")
     try:
-        return float(_REDUCTIONS[take](values))
+        if take == "count" or not is_circular(table, column):
+            return float(_REDUCTIONS[take](values))
+        return Angle(_REDUCTIONS[take](in_nearest_turn(values) if take in _OF_ALL else values))
     except (TypeError, ValueError):
         text = f"The values of {column} are not numbers: use the measure texts, or take: count."
         raise MeasureError(text) from None
@@ -212,10 +220,14 @@ def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = Fals
 
 
 def _plain(column: pd.Series) -> Shaped[np.ndarray, " rows"]:
-    """The values of a column: booleans and numbers unchanged, others as objects; missing ones are NaN."""
-    if pd.api.types.is_bool_dtype(column.dtype) and not column.hasnans:
+    """The values of a column for conditions: numbers, truth values, or objects; missing ones are NaN.
+
+    Truth values of which some are missing are numbers, 0 and 1.
+    """
+    is_flags = pd.api.types.infer_dtype(column, skipna=True) == "boolean"
+    if is_flags and not column.hasnans:
         return column.to_numpy(bool)
-    if pd.api.types.is_numeric_dtype(column.dtype):
+    if is_flags or pd.api.types.is_numeric_dtype(column.dtype):
         return column.to_numpy(np.float64, na_value=np.nan)
     return column.astype(object).where(column.notna(), np.nan).to_numpy(object)
 

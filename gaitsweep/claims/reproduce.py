@@ -16,7 +16,14 @@ import pandas as pd
 import yaml
 
 from gaitsweep.analysis.records import ColumnError
-from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, Paper, PaperJob, verdict
+from gaitsweep.claims.claims_and_verdicts import (
+    Claim,
+    ClaimVerdict,
+    Paper,
+    PaperJob,
+    in_turn_of,
+    verdict,
+)
 from gaitsweep.claims.measures import MEASURES, Value, plain_value
 from gaitsweep.claims.page import page
 from gaitsweep.errors import ArgumentError, ModelError, UserError
@@ -27,7 +34,7 @@ from gaitsweep.runs.figures import FigureError
 from gaitsweep.runs.progress import Progress
 from gaitsweep.runs.sentences import self_check_sentence
 from gaitsweep.schema.yaml_document import read_document
-from gaitsweep.shipped import shipped
+from gaitsweep.shipped import config_file, shipped
 from gaitsweep.table import Snapshot, load, replace_file, writing
 
 TABLE = "claims.parquet"
@@ -228,6 +235,7 @@ class _PaperRun:
             missed = ClaimVerdict.open_constants if claim.open else ClaimVerdict.not_reproduced
             reason = error.sentence if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
             return _Judgement(None, missed, reason)
+        ours = in_turn_of(claim, ours)
         reason = f"finer steps change the verdict: {claim.step}" if claim.step else ""
         return _Judgement(ours, verdict(claim, ours), reason)
 
@@ -284,10 +292,10 @@ def _source(file: Path, job: PaperJob) -> _JobSource:
     """The model and the constants that a job's file names."""
     try:
         data = {**read_document(file).data, **job.set_}
-        if "config" not in data:
+        if (name := data.get("config")) is None:
             return _JobSource(str(data.get("model", "")), "defaults")
-        config = file.parent / str(data["config"])
-        return _JobSource(str(read_document(config).data.get("model", "")), config.stem)
+        config = config_file(str(name), file.parent)
+        return _JobSource(str({**read_document(config).data, **data}.get("model", "")), config.stem)
     except UserError:  # its run reports the error, and fails alone
         return _JobSource("", "")
 

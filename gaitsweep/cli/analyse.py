@@ -124,7 +124,7 @@ def summary(
     turn in which those of a group are nearest to each other.
     """
     from gaitsweep.analysis.records import AnalysisError, require, require_numbers
-    from gaitsweep.angles import is_circular
+    from gaitsweep.angles import in_nearest_turn, is_circular
 
     table = result_table(directory)
     of = list(dict.fromkeys(of or ()))
@@ -139,23 +139,12 @@ def summary(
     for name in of:
         if is_circular(table, name):
             values = table.groupby(by, observed=True, dropna=False)[name]
-            table[name] = values.transform(_in_nearest_turn)
+            table[name] = values.transform(in_nearest_turn)
     groups = table.groupby(by, observed=True, dropna=False)
     counts = groups.size().to_frame("rows")
     for name, columns in columns_of.items():
         counts[columns] = groups[name].agg(["median", "min", "max"])
     print_table(counts.reset_index(), 6)
-
-
-def _in_nearest_turn(angles: pd.Series) -> pd.Series:
-    """Angles (rad) of a group: unchanged, or in another turn if their range is smaller there."""
-    import pandas as pd
-
-    from gaitsweep.angles import branch_cut, unwrap_from
-
-    values = angles.to_numpy(float)
-    turned = pd.Series(unwrap_from(values, branch_cut(values)), angles.index)
-    return turned if turned.max() - turned.min() < angles.max() - angles.min() else angles
 
 
 @app.command()

@@ -34,7 +34,7 @@ class RimlessWheel(DeclaredModel):
     steps = mode(0, "impacts so far")
 
     def complete(self, p, s):
-        return s.replace(angle=p.slope - p.alpha, ahead=self.ground(p, 1.0))
+        return s.replace(angle=p.slope - p.alpha, ahead=self.ground(p, s.steps + 1.0))
 
     def ground(self, p, step):
         """Slope (rad) from foothold `step` to the next one."""

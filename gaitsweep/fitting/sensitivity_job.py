@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from gaitsweep.contract import Quantity
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.fitting.fit_fields import (
     by_name,
@@ -160,8 +161,10 @@ def read_sensitivity(data: Mapping[str, Any], folder: Path) -> SensitivityJob:
     fit = read_fit_job("sensitivity", data, folder, ranges, outputs, wrong)
     assert analysis is not None  # `read_fit_job` has refused `wrong`
     own_job = _own_values(fit).job_of({})
-    unknown = {name: fit.spec.unknown(name, "vary") for name in shares}
-    refuse([Diagnostic((*fit.free_path, name), text) for name, text in unknown.items() if text is not None])
+    refused = {
+        name: fit.spec.unknown(name, "vary") or _no_share(fit.spec.quantities[name]) for name in shares
+    }
+    refuse([Diagnostic((*fit.free_path, name), text) for name, text in refused.items() if text is not None])
     own_values = own_job.design.row(0)
     # parameters of which the analysis needs the job's own value
     with_own_value = [*ranges, *shares] if analysis.method == "one_at_a_time" else list(shares)
@@ -290,6 +293,13 @@ def _follow_conditions(job: Job, names: Iterable[str], outputs: Mapping[str, Mea
             text = f"follows {followed[0]}, which outputs set: give it a number under params."
             wrong.append(Diagnostic(("sensitivity", "parameters", name), text))
     return wrong
+
+
+def _no_share(quantity: Quantity) -> str | None:
+    """Return the end of a sentence why a quantity cannot change by a share of itself, or None."""
+    if not quantity.whole:
+        return None
+    return "takes whole numbers only and cannot change by a share of itself: give low, high and whole: true."
 
 
 def _range_around(name: str, value: float, share: float, wrong: list[Diagnostic]) -> FreeParameter | None:

@@ -392,7 +392,7 @@ def _design(
         elif name == moved:
             settings[name] = 1.0
         elif default is not None:
-            settings[name] = _default_setting(default)
+            settings[name] = default_setting(default)
         elif path not in reported:
             text = f"is missing: {quantity.meaning} ({quantity.unit}) has no default."
             diagnostics.append(Diagnostic(path, f"{text} Set it here or under vary."))
@@ -403,7 +403,7 @@ def _design(
     return None if wrong else design
 
 
-def _default_setting(default: float | str) -> float | str:
+def default_setting(default: float | str) -> float | str:
     """Return a default as `read_settings` gives it: text if it uses names, else a number."""
     if isinstance(default, str):
         try:

@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Int
 
+from gaitsweep.contract import Quantity
 from gaitsweep.design.design import Design
 from gaitsweep.dynamics.mjcf import OfMjcf
 from gaitsweep.errors import JobError
 from gaitsweep.expression import ExpressionError
+from gaitsweep.job.reading import default_setting
 from gaitsweep.models.conformity import remark_on_rates, variables_without_rate
 from gaitsweep.models.sampled_points import MAX_NAMED
 from gaitsweep.models.starts import idle_starts, sets_starts, starts_in_ground
@@ -88,8 +90,13 @@ def _idle_starts(design: Design) -> list[str]:
         quantity.name
         for quantity in quantities
         if quantity.name in {*idle} - used
-        and (quantity.name in design.names or design.settings[quantity.name] not in (quantity.default, None))
+        and (quantity.name in design.names or _is_set(quantity, design.settings[quantity.name]))
     ]
+
+
+def _is_set(quantity: Quantity, setting: float | str) -> bool:
+    """Return whether a start has another setting than its default; a start without a default has."""
+    return quantity.default is None or setting != default_setting(quantity.default)
 
 
 def _some_rows(design: Design) -> Int[np.ndarray, " rows"]:

@@ -101,7 +101,7 @@ class Perturb(SettlesRows):
 
     @classmethod
     def model_of(cls, model: Model, written: Mapping[str, Any]) -> tuple[Model, list[Diagnostic]]:
-        if not isinstance(model, HybridModel):
+        if not (isinstance(model, HybridModel) and model.locates_events):
             text = f"is perturb, which pushes variables of a flow, but {model.name} moves in steps."
             return model, [Diagnostic(("run", "kind"), text)]
         wrong: list[Diagnostic] = []

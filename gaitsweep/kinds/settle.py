@@ -213,7 +213,7 @@ class Settle(SettlesRows):
 
     def _check_states(self, model: Model) -> list[Diagnostic]:
         """Diagnostics about states of a model that moves in steps, which no other run continues."""
-        if not self.states or isinstance(model, HybridModel):
+        if not self.states or (isinstance(model, HybridModel) and model.locates_events):
             return []
         text = f"is true, for a run of kind perturb, which {model.name} cannot have: it moves in steps."
         return [Diagnostic(("run", "states"), text)]

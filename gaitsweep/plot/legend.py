@@ -151,5 +151,7 @@ class ColourScale(ScalarMappable):
 
 
 def percent(share: float) -> str:
-    """Format a fraction in whole per cent, for a legend."""
-    return "<1" if 0.0 < share < 0.005 else f"{100 * share:.0f}"
+    """Format a fraction in whole per cent, for a legend; 0 and 100 are exact."""
+    if 0.0 < share < 0.005:
+        return "<1"
+    return ">99" if 0.995 <= share < 1.0 else f"{100 * share:.0f}"

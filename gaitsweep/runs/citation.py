@@ -13,6 +13,7 @@ import yaml
 import gaitsweep
 from gaitsweep import models
 from gaitsweep.errors import UserError
+from gaitsweep.job.reading import default_setting
 from gaitsweep.kinds import RUN_KINDS
 from gaitsweep.runs.provenance import NOT_INSTALLED, paper_of
 from gaitsweep.runs.sentences import lengths_of_steps, self_check_sentence
@@ -130,7 +131,7 @@ def _changed(snapshot: Snapshot) -> str:
     except (TypeError, ValueError, models.ModelError):
         return ""
     usual = {field.name: field.default for field in dataclasses.fields(model)}  # pyright: ignore[reportArgumentType]
-    usual |= {quantity.name: quantity.default for quantity in model.parameters}
+    usual |= {q.name: default_setting(q.default) for q in model.parameters if q.default is not None}
     settings = {**job.get("structure", {}), **job.get("params", {})}
     changed = [
         f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"

@@ -197,6 +197,29 @@ def test_one_trajectory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert not list(tmp_path.iterdir())
 
 
+class Rotor(gs.DeclaredModel):
+    """It turns back before it meets its section."""
+
+    rate = gs.parameter("rad/s", "speed", 1.0)
+    turned = gs.variable("rad", "angle turned through", 0.0)
+
+    @gs.event("a turn ends", section=True)
+    def turn(self, p, s):
+        return s.turned - 2.0
+
+    def flow(self, p, s):
+        return {"turned": p.rate * (1.0 - s.turned)}
+
+    def period(self, p):
+        return 1.0
+
+
+@pytest.mark.slow
+def test_a_trajectory_that_is_not_recorded_warns() -> None:
+    with pytest.warns(UserWarning, match="ended as time_limit: .* that begins after 1 section crossings"):
+        gs.simulate(Rotor(), duration=1.0, after_cycles=1)
+
+
 def test_a_result_shows_itself() -> None:
     result = gs.sweep(toy_model.Toy(), **AXES, run=gs.Settle(max_cycles=40))
     for text in (repr(result), result._repr_html_()):

@@ -322,6 +322,9 @@ def test_angles_of_gaits_on_both_sides_of_the_branch_cut() -> None:
         settled, holds, observable="lag", where="row >= 0", gaits=["trot"]
     )
     assert difference == pytest.approx(np.pi - 3.06, abs=1e-12)
+    held = pd.DataFrame({"f": [1, 1, 2, 2], "delta_13_n": [6.2, 6.25, 0.05, np.nan]})
+    spread = motion_measures.spread_over(held, column="delta_13_n", over="f", where="f > 0")
+    assert spread == pytest.approx(2.0 * np.pi + 0.05 - 6.225)
     with pytest.raises(AnalysisError, match="gait pace"):
         motion_measures.difference_of_gaits(
             settled, holds, observable="lag", where="row >= 0", gaits=["pace"]

@@ -182,6 +182,15 @@ def test_speeds_of_gaits_without_numbers() -> None:
         gait_measures.largest_deviation(table, column="speed_end", centre=0.5, where="gait == 'L-walk'")
 
 
+def test_angles_on_both_sides_of_zero() -> None:
+    table = pd.DataFrame({"f": [1, 1, 2, 2], "phase_n": [6.2, 6.25, 0.05, np.nan]})
+    table.attrs["quantities"] = {"phase": {"circular": True}}
+    less = gait_measures.difference_of_medians(table, column="phase_n", where="f == 1", less="f == 2")
+    assert less == pytest.approx(6.225 - 2.0 * np.pi - 0.05)
+    deviation = gait_measures.largest_deviation(table, column="phase_n", centre=0.0)
+    assert deviation == pytest.approx(2.0 * np.pi - 6.2)
+
+
 def test_values_of_the_model() -> None:
     assert gait_measures.total_mass() == pytest.approx(7.0)
     assert gait_measures.motors() == 8.0

@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.reliability.faults import FAULTS, ROOT
 from gaitsweep.analysis.records import ColumnError
-from gaitsweep.claims.claims_and_verdicts import known_papers, read_paper
+from gaitsweep.claims.claims_and_verdicts import PaperJob, known_papers, read_paper
 from gaitsweep.claims.measures import MEASURES, MeasureError, difference_of_shares, share, texts, value
-from gaitsweep.claims.reproduce import reproduce
+from gaitsweep.claims.reproduce import _source, reproduce
 from gaitsweep.cli import main
 from gaitsweep.errors import ArgumentError, JobError
 from gaitsweep.expression import ExpressionError
@@ -44,6 +44,8 @@ claims:
      paper: 1, tolerance: 1, because: exact}
   - {id: long, where: Fig. 3, claim: Whole only., measure: share, of: [basins],
      with: {where: "status == 'settled'"}, paper: 1, tolerance: 0, because: exact, quick: false}
+  - {id: a_turn_off, where: Fig. 3, claim: An angle., measure: value, of: [basins],
+     with: {column: psi_2, where: row == 0}, paper: -5.5, tolerance: 0.01, unit: rad, because: exact}
 """
 
 
@@ -70,8 +72,9 @@ def test_every_claim_has_a_verdict(
         "not_there": "not run",
         "of_lost": "not run",
         "long": "not run",
+        "a_turn_off": "reproduced",
     }
-    assert result.loc["all_settle", "ours"] == "1"
+    assert result.loc[["all_settle", "a_turn_off"], "ours"].tolist() == ["1", "-5.49779"]
     assert result[["simulated", "model", "constants"]].loc["all_settle"].tolist() == [
         True,
         "multilegged_reduced",
@@ -80,10 +83,10 @@ def test_every_claim_has_a_verdict(
     assert "nothing is not a column of this table" in result.loc["not_there", "why"]
     assert result.loc["all_settle", "command"].startswith("gaitsweep run ")
     message = capsys.readouterr().out
-    assert "1 of 5 claims reproduced, 1 not reproduced, 3 not run." in message
+    assert "2 of 6 claims reproduced, 1 not reproduced, 3 not run." in message
     assert "far_off (not reproduced): 1; paper: 0\n" in message
     page = (out / "index.html").read_text()
-    assert page.count("<article") == 5
+    assert page.count("<article") == 6
     assert page.count("data:image/png") == 1
     assert "two ways" in page
     assert "http" not in page
@@ -92,6 +95,21 @@ def test_every_claim_has_a_verdict(
     assert main(["reproduce", str(table_of_claims), *answered]) == 0
     assert main(["reproduce", str(table_of_claims), *answered, "--strict"]) == 3
     assert (out / "quick" / "basins" / "manifest.json").stat().st_mtime_ns == made
+
+
+@pytest.mark.parametrize(
+    ("text", "source"),
+    [
+        ("config: builtin:ambe2021\n", ("multilegged", "ambe2021")),
+        ("model: multilegged_reduced\nconfig: builtin:ambe2021\n", ("multilegged_reduced", "ambe2021")),
+        ("model: multilegged_reduced\n", ("multilegged_reduced", "defaults")),
+    ],
+)
+def test_a_job_has_the_model_and_the_constants_that_it_names(
+    text: str, source: tuple[str, str], tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(text)
+    assert _source(tmp_path / "small.yaml", PaperJob(job="small.yaml")) == source
 
 
 @pytest.mark.slow
@@ -238,6 +256,17 @@ def test_general_measures() -> None:
     assert value(table, column="speed", where="gait == 'walk'", take="mean") == 2.5
     assert value(table, column="speed", where="gait == 'pace'", take="count") == 0
     assert texts(table, column="gait") == ["walk", "trot"]
+    # of rows without a fixed point
+    flags = pd.DataFrame({"stable": pd.Series([True, False, None], dtype=object), "speed": [1.0, 2.0, 4.0]})
+    assert value(flags, column="speed", where="stable == 1") == 1.0
+    assert value(flags, column="speed", where="stable == 0") == 2.0
+    assert value(flags[:2], column="speed", where="not stable") == 2.0
+    # angles around 0, and others, which stay in their turn
+    angles = pd.DataFrame({"psi_1": [6.2, 0.1, 0.0, 6.1], "delta": [-0.4, -0.1, -0.2, -0.3]})
+    assert value(angles, column="psi_1", take="mean") == pytest.approx(3.1 - np.pi)
+    assert value(angles, column="psi_1", take="max") == pytest.approx(0.1)
+    assert value(angles, column="psi_1", take="last") == 6.1
+    assert value(angles, column="delta", take="min") == -0.4
     for wrong in (
         lambda: share(table, where="gait == 'walk'", of="speed > 9"),
         lambda: value(table, column="gait"),

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, verdict
+from gaitsweep.claims.claims_and_verdicts import Claim, ClaimVerdict, in_turn_of, verdict
+from gaitsweep.claims.measures import Angle
 
 REPRODUCED, NOT, OPEN = ClaimVerdict.reproduced, ClaimVerdict.not_reproduced, ClaimVerdict.open_constants
 
@@ -55,6 +56,25 @@ def claim(**fields: Any) -> Claim:
 )
 def test_verdict(fields: dict[str, Any], ours: Any, expected: ClaimVerdict) -> None:
     assert verdict(claim(**fields), ours) is expected
+
+
+@pytest.mark.parametrize(
+    ("fields", "ours", "turned"),
+    [
+        ({"paper": 0, "tolerance": 0.1}, Angle(6.25), 6.25 - math.tau),
+        ({"paper": 6.2, "tolerance": 0.1}, Angle(-0.1), math.tau - 0.1),
+        ({"paper": 3, "tolerance": 0.1}, Angle(6.1), 6.1),
+        ({"paper": "in phase", "between": [-1, 1]}, Angle(6.25), 6.25 - math.tau),
+        ({"paper": "in phase", "below": 1}, Angle(6.25), 6.25),
+        ({"paper": 0, "tolerance": 0.1}, 6.25, 6.25),
+        ({"paper": "a word"}, Angle(6.25), 6.25),
+        ({"paper": [0, 1], "tolerance": 0.1}, Angle(6.25), 6.25),
+    ],
+)
+def test_an_angle_is_in_the_turn_of_what_the_claim_allows(
+    fields: dict[str, Any], ours: float, turned: float
+) -> None:
+    assert in_turn_of(claim(**fields), ours) == pytest.approx(turned)
 
 
 @pytest.mark.parametrize("bound", [{"above": math.nan}, {"below": math.inf}, {"between": [0, math.nan]}])

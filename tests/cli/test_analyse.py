@@ -225,6 +225,11 @@ def test_wrong_parameters_of_the_theory_are_refused(
     assert message in capsys.readouterr().err
 
 
+def test_the_theory_refuses_a_frequency_that_is_not_above_0(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyse", "multilegged-theory", "--omega", "0"]) == 2
+    assert "omega is 0, but must be above 0." in capsys.readouterr().err
+
+
 def test_the_mass_of_both_ends_is_a_parameter_of_the_theory() -> None:
     chain = _chain_of_settings(["m_B=0.8", "m_1=0.7"])
     assert (chain.m_1, chain.m_end) == (0.7, 0.8)

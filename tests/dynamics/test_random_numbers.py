@@ -21,7 +21,7 @@ from gaitsweep.engine.numerics import Numerics
 from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.examples.rimless_wheel import RimlessWheel
 from tests.support.host_card import HostCard, compiler
-from tests.support.sweeping import run_rows, same
+from tests.support.sweeping import run_rows, same, scalars
 
 # Of the file kat_vectors of Random123, the generator's own library: counter, key, words.
 KNOWN = [
@@ -124,6 +124,15 @@ def test_a_wheel_on_rough_ground_follows_its_markov_chain_on_each_engine() -> No
         RimlessWheel(), recorder, starts, params=ROUGH, numerics=FINE, engine="kernel", lanes=3, block=5
     )
     same(rows["kernel"], others)
+
+
+@pytest.mark.slow
+def test_a_wheel_that_starts_after_some_impacts_goes_on_with_the_slopes_after_them() -> None:
+    """It began with the slope of foothold 1, and then left out the one of foothold 6."""
+    wheel, p = RimlessWheel(), scalars(RimlessWheel(), roughness=0.05, seed=3.0)
+    for steps in (0.0, 5.0):
+        start = wheel.init(p, {"rate_0": jnp.asarray(0.5), "steps_0": jnp.asarray(steps)})
+        assert start.ahead == wheel.ground(p, steps + 1.0)
 
 
 @pytest.mark.slow

@@ -307,6 +307,13 @@ def test_wrong_jobs_are_refused(case: str, tmp_path: Path) -> None:
     assert sentence in refused(tmp_path, **changes)
 
 
+def test_a_share_of_a_whole_number_is_refused() -> None:
+    of_wheel = {"parameters": {"seed": "10%"}, "params": {"seed": 100}, "method": "one_at_a_time"}
+    outputs = {"end": {"kind": "value", "of": "margin", "at": {"rate_0": 0.6}}}
+    with pytest.raises(gs.JobError, match="seed takes whole numbers only and cannot change by a share"):
+        gs.sensitivity("gaitsweep.examples.rimless_wheel:RimlessWheel", outputs=outputs, **of_wheel)
+
+
 def test_wrong_jobs_leave_no_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, JOB.replace("morris", "sobool"))
     assert main(["sensitivity", str(file), "--out", str(tmp_path / "out")]) == 2

@@ -282,6 +282,10 @@ def job(**run: Any) -> Job:
             {"push": ["speed_1"], "model": "gaitsweep.examples.mujoco_hopper:MujocoHopper"},
             r"moves in steps",
         ),
+        (
+            {"push": ["x"], "model": "tests.dynamics.test_noise:Relaxation"},
+            r"run\.kind is perturb.* in steps",
+        ),
     ],
 )
 def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> None:

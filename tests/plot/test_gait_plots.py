@@ -107,6 +107,13 @@ def test_the_rule() -> None:
     one = plot.draw("loading_rule", _ends(), measures=["tilt_stance"], only="k2", value=0.08, title="Loads,")
     rendered(one)
     assert len(one.axes) == 1
+    # a value of an axis may be rounded, and that of no row is no result
+    assert (
+        plot.draw("loading_rule", _ends(), only="k2", value=0.08 * (1.0 + 1e-15)).axes[0].get_title()
+        == titles[0]
+    )
+    none = plot.draw("loading_rule", _ends(), only="k2", value=0.09)
+    assert [text.get_text() for text in none.axes[0].texts] == ["No row has this value."]
     with pytest.raises(PlotError, match="load_together is not a measure"):
         plot.draw("loading_rule", _ends(), measures=["load_together"])
     with pytest.raises(PlotError, match="only and value"):

@@ -32,6 +32,14 @@ def corner(figure: Figure) -> list[str]:
     return [text.get_text() for text in figure.texts if text.get_color() == "#B00020"]
 
 
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0"), (0.001, "<1"), (0.006, "1"), (0.994, "99"), (0.996, ">99"), (1.0, "100")],
+)
+def test_a_share_is_0_or_100_only_where_it_is(share: float, text: str) -> None:
+    assert plot.theme.percent(share) == text
+
+
 def figures() -> list[tuple[str, pd.DataFrame, dict[str, Any]]]:
     return [
         ("basin", settle_table(), {"x": "psi_1", "y": "psi_2", "panels": "psi_3", "title": "Basins"}),

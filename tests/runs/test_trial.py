@@ -264,6 +264,15 @@ class Stands(Swings):
         return s.replace(down=s.down.at[:2].set(jnp.where(s.x > 0.0, 1, 0)))
 
 
+class HalfWay(Swings):
+    """`complete` sets its start, whose default is a formula."""
+
+    x = gs.variable("m", "position", "1/2", scale=1.0)
+
+    def complete(self, p, s):
+        return s.replace(x=0.5)
+
+
 def test_starts_that_complete_overwrites_are_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert idle_starts(Stands()) == ("down_1_0", "down_2_0")
     assert idle_starts(Swings()) == idle_starts(CompassWalker()) == ()
@@ -275,6 +284,9 @@ def test_starts_that_complete_overwrites_are_named(capsys: pytest.CaptureFixture
     passed = gs.Job(name="own", model=models.name_of(Stands), vary={"down_2_0": [0, 1]},
                     start={"x_0": "1 + down_2_0"}, run=gs.Settle())  # fmt: skip
     assert remarks_on_rows(passed.design, "mine:Stands") == []
+    # a default that is a formula of numbers is not set
+    assert idle_starts(HalfWay()) == ("x_0",)
+    assert remarks_on_rows(design_of(HalfWay, {"v_0": [0.0, 0.1]}), "mine:HalfWay") == []
     show.model("mine:Stands", Stands)
     shown = capsys.readouterr().out
     assert "down_3_0" in shown

@@ -93,7 +93,7 @@ def multilegged_theory(
 
     jax.config.update("jax_enable_x64", True)
     chain = _chain_of_settings(settings or ())
-    print(_theory_summary(springs, omega, chain))
+    print(_theory_summary(springs, _in_bounds("omega", omega), chain))
     if figures is not None:
         from gaitsweep.papers.ambe2021.figures.chain_theory import SHOWN, theory_figure
 
@@ -114,10 +114,8 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
     """
     from gaitsweep import ArgumentError, near_miss
     from gaitsweep.expression import evaluate
-    from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
     from gaitsweep.papers.ambe2021.theory.chain import Chain
 
-    bounds = {quantity.name: (quantity.low, quantity.high) for quantity in PARAMETERS}
     names = ("m_B", *Chain._fields)
     values: dict[str, float] = {}
     for setting in settings:
@@ -126,13 +124,20 @@ def _chain_of_settings(settings: Iterable[str]) -> Chain:
             raise ArgumentError(f"--set is {setting}, but must be NAME=VALUE, such as kappa=80.")
         if name not in names:
             raise ArgumentError(f"{name} is not a parameter of the chain{near_miss.suggestion(name, names)}")
-        number = float(evaluate(value, {}))
-        low, high = bounds[name]
-        if not low < number < high:
-            allowed = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-            raise ArgumentError(f"{name} is {number:g}, but must be {allowed}.")
+        number = _in_bounds(name, float(evaluate(value, {})))
         values |= dict.fromkeys(("m_1", "m_end") if name == "m_B" else (name,), number)
     return Chain(**values)
+
+
+def _in_bounds(name: str, number: float) -> float:
+    """A value of a parameter of the chain unchanged; refuses one out of its bounds."""
+    from gaitsweep.papers.ambe2021.multilegged.parameters import PARAMETERS
+
+    low, high = next((quantity.low, quantity.high) for quantity in PARAMETERS if quantity.name == name)
+    if not low < number < high:
+        allowed = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+        raise gs.ArgumentError(f"{name} is {number:g}, but must be {allowed}.")
+    return number
 
 
 def _theory_summary(N: int, omega: float, chain: Chain) -> str:

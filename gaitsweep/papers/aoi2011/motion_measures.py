@@ -13,7 +13,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from gaitsweep.analyses import TURN, AnalysisError, mean_direction, require, unwrap_from, wrapped_difference
+from gaitsweep.analyses import (
+    TURN,
+    AnalysisError,
+    is_circular,
+    mean_direction,
+    require,
+    unwrap_from,
+    wrapped_difference,
+)
 from gaitsweep.claims import (
     Condition,
     masked,
@@ -64,7 +72,11 @@ def spread_over(table: pd.DataFrame, *, column: str, over: str, where: Condition
     """
     part = records(table, where)
     require(part, column, over)
-    medians = part.groupby(over)[column].median().dropna()
+    values = pd.Series(part[column])
+    if is_circular(part, column):
+        middle = mean_direction(values.dropna().to_numpy(float))
+        values = middle + wrapped_difference(values - middle)
+    medians = values.groupby(part[over]).median().dropna()
     if medians.empty:
         raise AnalysisError(f"No record has a value of {column}.")
     return float(np.ptp(medians))

@@ -13,7 +13,7 @@ import pandas as pd
 from pydantic import AfterValidator
 
 from gaitsweep import ArgumentError
-from gaitsweep.analyses import TURN, mean_direction, require
+from gaitsweep.analyses import TURN, is_circular, mean_direction, require, wrapped_difference
 from gaitsweep.claims import (
     Condition,
     MeasureError,
@@ -203,7 +203,8 @@ def difference_of_medians(table: pd.DataFrame, *, column: str, where: Condition,
         column: its column.
         where, less: the two conditions.
     """
-    return value(table, column=column, where=where) - value(table, column=column, where=less)
+    difference = value(table, column=column, where=where) - value(table, column=column, where=less)
+    return wrapped_difference(difference) if is_circular(table, column) else difference
 
 
 @measure
@@ -238,10 +239,12 @@ def largest_deviation(
     Raises:
         MeasureError: no record has a number in the column.
     """
-    deviations = np.abs(numbers(records(table, where), column) - centre)
+    deviations = numbers(records(table, where), column) - centre
+    if is_circular(table, column):
+        deviations = wrapped_difference(deviations)
     if np.all(np.isnan(deviations)):
         raise MeasureError(f"No record has a number in the column {column}.")
-    return float(np.nanmax(deviations))
+    return float(np.nanmax(np.abs(deviations)))
 
 
 def rows_of_gait(table: pd.DataFrame, gait: str) -> list[pd.DataFrame]:

@@ -6,6 +6,9 @@ the touchdown of leg i, reset by D, its neighbour j in takeoff has the load
 
     m_j g - kappa_jh (l_h - l_j) - kappa_ij (l_i - l_j),   with h the next leg after j.
 
+The other neighbour stands if the lag of the two, psi_B - t (`solution_sets.py`), is below 2 beta pi: so psi_B
+is, too, and else no lag of the wave is free. This fails for duty factors below about 1/2.
+
 In a uniform chain t > 0 means m_B > m/2. If h is in stance, a positive load means m_B < m: together the
 paper's m/2 < m_B < m. In a soft chain phase lags are so small that h is in takeoff as well. A positive load
 then means m_B < m or (2 m_B + m) g/kappa > 2 a.
@@ -26,19 +29,21 @@ class Conditions(NamedTuple):
 
     `takeoff` has, of each leg in takeoff at the touchdown of its neighbour, the distance of t from the nearer
     end of the takeoff segment, as a share of the segment: (N - 1,), or (N,) of a wave along the whole chain,
-    whose last one is that of the neighbour of an end. `load` (N - 1,) has the loads on the first N - 1 of
+    whose last one is that of the neighbour of an end. `stance` is the least distance of the others from the
+    end of stance, as a share of it, a scalar. `load` (N - 1,) has the loads on the first N - 1 of
     these legs, divided by an inner leg's mean weight; `landing` is the remaining share of the landing segment
     at touchdown, a scalar above 0 if m g/kappa < a for the mass that determines it.
     """
 
     takeoff: jax.Array
+    stance: jax.Array
     load: jax.Array
     landing: jax.Array
 
     @property
     def hold(self) -> jax.Array:
-        """Whether the wave is a motion of the chain, with takeoff, load and landing above zero."""
-        return jnp.min(jnp.concatenate([self.takeoff, self.load, self.landing[None]])) > 0.0
+        """Whether the wave is a motion of the chain, with all margins above zero."""
+        return jnp.min(jnp.concatenate([*map(jnp.atleast_1d, self)])) > 0.0
 
 
 def wave_conditions(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
@@ -55,8 +60,14 @@ def wave_conditions(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
     # the neighbours of the ends, at the touchdowns of these
     beside_head, beside_tail = 1.0 - since_takeoff.first / segment, 1.0 - since_takeoff.last / segment
     return (
-        direct._replace(takeoff=jnp.append(direct.takeoff, beside_tail)),
-        retrograde._replace(takeoff=jnp.append(retrograde.takeoff, beside_head)),
+        direct._replace(
+            takeoff=jnp.append(direct.takeoff, beside_tail),
+            stance=_stance(chain, jnp.append(since_takeoff.front, since_takeoff.last)),
+        ),
+        retrograde._replace(
+            takeoff=jnp.append(retrograde.takeoff, beside_head),
+            stance=_stance(chain, jnp.append(since_takeoff.rear, since_takeoff.first)),
+        ),
     )
 
 
@@ -73,11 +84,13 @@ def source_conditions(N: int, chain: Chain, k: int) -> Conditions:
     direct, retrograde = _touchdowns(N, chain)
     takeoff = jnp.concatenate([direct.takeoff[: k - 2], retrograde.takeoff[k - 2 :]])
     load = jnp.concatenate([direct.load[: k - 2], retrograde.load[k - 2 :]])
-    return Conditions(takeoff, load, direct.landing)
+    return Conditions(takeoff, direct.stance, load, direct.landing)
 
 
 def existing_waves(N: int, chain: Chain) -> dict[str, jax.Array]:
     """Whether the direct, a source (of any boundary leg) and the retrograde wave are motions of the chain.
+
+    They are those of the sets B. Where only `stance` is below zero, by little, waves of sets A remain.
 
     Args:
         N, chain: as for `wave_conditions`.
@@ -90,6 +103,13 @@ def existing_waves(N: int, chain: Chain) -> dict[str, jax.Array]:
 def _segment(chain: Chain) -> jax.Array:
     """The phase, rad, that takeoff and landing take each."""
     return jnp.asarray((1.0 - chain.beta) * jnp.pi)
+
+
+def _stance(chain: Chain, t: jax.Array) -> jax.Array:
+    """The least margin of neighbours in stance whose lags are psi_B less these phases t (n,), rad."""
+    stance = 2.0 * chain.beta * jnp.pi
+    psi_B = 2.0 * _segment(chain) - reset(chain)
+    return jnp.asarray((stance - psi_B + jnp.min(t)) / stance)
 
 
 def _touchdowns(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
@@ -106,7 +126,7 @@ def _touchdowns(N: int, chain: Chain) -> tuple[Conditions, Conditions]:
         takeoff = jnp.minimum(t, segment - t) / segment
         load = _loads(t[::order], k[::order], a[::order], weights[::order], D, 2.0 * segment - D)
         load = load[::order] / (segment * inner_mass * chain.g)
-        margins.append(Conditions(takeoff, load, 1.0 - D / segment))
+        margins.append(Conditions(takeoff, _stance(chain, jnp.zeros(1)), load, 1.0 - D / segment))
     return margins[0], margins[1]
 
 

@@ -86,9 +86,15 @@ def loading_rule(
     """
     if (only is None) != (value is None):
         raise PlotError("only and value select rows together: give both or none.")
-    if only is not None:
+    if only is not None and value is not None:
         column(table, only)
-        table = rows_where(table, table[only] == value)
+        # values of an axis that are not written one by one are rounded
+        table = rows_where(table, np.isclose(table[only].to_numpy(float), value, rtol=1e-9, atol=0.0))
+    heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
+    if not len(table):
+        with theme.canvas(theme.PAGE, 2.35, heading) as figure:
+            theme.message(figure.subplots(), "no rows yet" if only is None else "No row has this value.")
+        return figure
     pairs = pairs_in(table)
     agreement = {str(record["measure"]): record for record in agreement_with_rule(pairs).to_dict("records")}
     names = list(measures or agreement)
@@ -97,7 +103,6 @@ def loading_rule(
         raise PlotError(f"{missing[0]} is not a measure of this table. Allowed: {', '.join(agreement)}.")
     down, across = theme.shape(len(names), theme.PAGE, 1.9, _PANELS_ACROSS)
     present = set(pairs["gait"].astype(str))
-    heading = title if only is None else f"{title or ''} {written(table, only, value)}".strip()
     panel_height = 2.25 if across > 1 else 1.75
     with theme.canvas(theme.PAGE, panel_height * down + 0.6, heading) as figure:
         grid = theme.panels(figure, (down, across), len(names), sharey=True)
