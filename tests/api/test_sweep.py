@@ -211,7 +211,7 @@ class Rotor(gs.DeclaredModel):
         return {"turned": p.rate * (1.0 - s.turned)}
 
     def period(self, p):
-        return 1.0
+        return 1.0 + 0.0 * p.rate
 
 
 @pytest.mark.slow

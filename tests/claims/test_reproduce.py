@@ -260,7 +260,7 @@ def test_general_measures() -> None:
     flags = pd.DataFrame({"stable": pd.Series([True, False, None], dtype=object), "speed": [1.0, 2.0, 4.0]})
     assert value(flags, column="speed", where="stable == 1") == 1.0
     assert value(flags, column="speed", where="stable == 0") == 2.0
-    assert value(flags[:2], column="speed", where="not stable") == 2.0
+    assert value(flags.iloc[:2], column="speed", where="not stable") == 2.0
     # angles around 0, and others, which stay in their turn
     angles = pd.DataFrame({"psi_1": [6.2, 0.1, 0.0, 6.1], "delta": [-0.4, -0.1, -0.2, -0.3]})
     assert value(angles, column="psi_1", take="mean") == pytest.approx(3.1 - np.pi)
