@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import importlib.util
 import threading
@@ -16,18 +17,18 @@ from gaitsweep.engine.kernel.gpu_program import THREADS
 
 # A number on a card is float64.
 _NUMBER = 8
-# Pinned memory that no array uses, of all cards; the oldest is freed above this number of bytes.
-_UNUSED: list[Any] = []
+# Pinned memory that no array uses, each with the number of its card; the oldest is freed above these bytes.
+_UNUSED: list[tuple[int, Any]] = []
 _UNUSED_LOCK = threading.RLock()  # the garbage collector may put memory back while a thread holds it
 _MOST_UNUSED = 256 << 20
 
 
-def _put_back(memory: Any) -> None:
-    """Keep pinned memory for the next sweep."""
+def _put_back(number: int, memory: Any) -> None:
+    """Keep pinned memory for the next sweep on the card of this number."""
     with _UNUSED_LOCK:
-        _UNUSED.append(memory)
-        while sum(unused.size for unused in _UNUSED) > _MOST_UNUSED:
-            del _UNUSED[0]
+        _UNUSED.append((number, memory))
+        while sum(unused.size for _, unused in _UNUSED) > _MOST_UNUSED:
+            del _UNUSED[:1]
 
 
 def unavailable() -> str | None:
@@ -132,16 +133,19 @@ class CudaDevice:
         The memory is used again when nothing refers to the array, since to pin 10 MB takes milliseconds.
         """
         with _UNUSED_LOCK:
-            fitting = [memory for memory in _UNUSED if size <= memory.size // _NUMBER <= 2 * size]
+            own = (memory for number, memory in tuple(_UNUSED) if number == self._number)
+            fitting = [memory for memory in own if size <= memory.size // _NUMBER <= 2 * size]
             memory = min(fitting, key=lambda memory: memory.size, default=None)
             if memory is not None:
-                _UNUSED.remove(memory)
+                with contextlib.suppress(ValueError):  # the collector may have dropped it meanwhile
+                    _UNUSED.remove((self._number, memory))
         if memory is None:
             memory = self._pinned.allocate(size * _NUMBER)
         else:
             self.use().sync()  # an interrupted run may have a copy under way
         numbers = (ctypes.c_double * size).from_address(int(memory.handle))
-        weakref.finalize(numbers, _put_back, memory)
+        # at exit a thread may still use the array
+        weakref.finalize(numbers, _put_back, self._number, memory).atexit = False
         return memory, np.frombuffer(numbers, np.float64)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
