@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def contact_signals(names: Iterable[object]) -> list[str]:
-    """The names contact_1, contact_2, ... among those of signals or columns, in the order of the feet."""
-    contacts = [str(name) for name in names if re.fullmatch(r"contact_[1-9]\d*", str(name))]
+    """The names contact_1, contact_2, ... among those of signals or columns, from 0 or 1 on, in order."""
+    contacts = [str(name) for name in names if re.fullmatch(r"contact_(0|[1-9]\d*)", str(name))]
     return sorted(contacts, key=lambda name: int(name.removeprefix("contact_")))
 
 

@@ -187,7 +187,7 @@ def outcome_labels(table: pd.DataFrame, label: str) -> pd.Series:
             and the label is another quantity of the model.
     """
     require(table, label)
-    if label in table.attrs.get("quantities", {}) and label not in ("gait", *axes_of(table)):
+    if label in table.attrs.get("quantities", {}) and label not in ("gait", "outcome", *axes_of(table)):
         refuse_inferred(table, f"no {label}")
     # the stored outcome is of the gait that the run gave: an edited one has another
     stored_of = table.attrs.get("outcome_of", None if "status" in table.columns else "gait")

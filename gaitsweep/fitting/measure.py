@@ -234,6 +234,8 @@ class Measure(StrictModel):
     angle_field: ClassVar[str | None] = None  # its field for a column, whose value is an angle if that is one
     unit_field: ClassVar[str | None] = None  # its field for a column, formula or parameter, for the unit
     runs: ClassVar[tuple[type[RunKind], ...]] = ()  # run kinds that its field `run` may name
+    # raised when rows that may not settle give another value, so that no older search is continued
+    rule_of_settling: ClassVar[int] = 1
 
     at: Conditions = Field(description="parameters and starts of its rows by name; lists multiply")
 

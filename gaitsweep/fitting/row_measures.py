@@ -80,6 +80,7 @@ class Edge(RowMeasure):
     """
 
     unit_field: ClassVar[str | None] = "along"
+    rule_of_settling: ClassVar[int] = 2
 
     kind: Literal["edge"] = Field(description="edge: where a gait is lost along a parameter, by holds")
     along: Text = Field(description="the parameter, whose list stands in `at`, from the gait's side")
@@ -105,6 +106,8 @@ class Edge(RowMeasure):
 class Share(RowMeasure):
     """Share of rows that end in a gait; rows that failed or did not settle have no gait."""
 
+    rule_of_settling: ClassVar[int] = 2
+
     kind: Literal["share"] = Field(description="share: of rows that end in a gait, such as a basin's")
     gait: Gaits = Field(description="the gait, or a list of which each counts")
     among: Ranges | None = AMONG
@@ -128,6 +131,7 @@ class Coexistence(RowMeasure):
     """
 
     unit_field: ClassVar[str | None] = "along"
+    rule_of_settling: ClassVar[int] = 2
 
     kind: Literal["coexistence"] = Field(
         description="coexistence: the length of a parameter's range in which holds keep each of several gaits"

@@ -21,7 +21,7 @@ from gaitsweep.fitting.population import Population, job_with_run
 from gaitsweep.job import Job
 from gaitsweep.job.model_spec import ModelSpec, read_model_spec
 from gaitsweep.job.reading import Config
-from gaitsweep.kinds import RUN_KINDS
+from gaitsweep.kinds import RUN_KINDS, Settle
 from gaitsweep.kinds.run_kind import RunKind, table_columns
 from gaitsweep.schema.diagnostics import Diagnostic, quoted, refuse
 from gaitsweep.schema.diagnostics import Path as FieldPath
@@ -148,6 +148,16 @@ class FitJob:
             if settings:
                 data[field] = {**(data.get(field) or {}), **settings}
         return Job.model_validate(data, context={"folder": self.folder})
+
+    def deciding_rules(self) -> dict[str, Any]:
+        """Return the rules of measures that differ from those of older versions; {} without any."""
+        run = self.job_of(self.structures[0]).run
+        rules = {
+            name: measure.rule_of_settling
+            for name, measure in self.measures.items()
+            if measure.rule_of_settling > 1 and isinstance(measure.own_run or run, Settle)
+        }
+        return {"rules": rules} if rules else {}
 
     def population(self) -> Population:
         """Create the population that measures sets of constants."""

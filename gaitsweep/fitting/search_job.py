@@ -198,6 +198,7 @@ class SearchJob(Search):
             "job": [job.hash(device=device, engine=engine) for job in jobs],
             "search": {**self.written["search"], "population": population, "side_by_side": side_by_side},
             "versions": dict(versions),
+            **self.fit.deciding_rules(),
         }
         if self.options.method == "cma":  # other methods choose their points as in older versions
             deciding["restarts"] = RULE_OF_RESTARTS

@@ -121,6 +121,7 @@ class SensitivityJob:
             "block": block,
             "sets": {name: column.tolist() for name, column in self.design.sets.items()},
             "outputs": {name: _plain_fields(measure) for name, measure in self.outputs.items()},
+            **self.fit.deciding_rules(),
         }
         return hashlib.sha256(json.dumps(deciding, sort_keys=True).encode()).hexdigest()
 

@@ -150,7 +150,8 @@ def _check_path(design: Design, spec: ModelSpec, run: RunKind, movement: Movemen
         # stairs may be whole where the places between turns are not
         is_whole = quantity.whole or spec.parameters[name].whole
         rows = math.prod(design.groups[position].length for position in design.spans(name))
-        parts = 1 if is_whole else min(_PARTS, MAX_CHECKED // (rows * max(len(pairs), 1)))
+        between = MAX_CHECKED // rows - len(set(turns))  # how many places between turns may be checked
+        parts = 1 if is_whole else min(_PARTS, max(between, 0) // max(len(pairs), 1) + 1)
         values = [*sorted(set(turns)), *(a + (b - a) * k / parts for a, b in pairs for k in range(1, parts))]
         are_few = rows * len(values) <= MAX_CHECKED and len(turns) <= _MAX_TURNS
         for value in values if are_few else (min(turns), max(turns)):

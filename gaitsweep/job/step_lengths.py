@@ -117,7 +117,9 @@ def check_steps(design: Design, run: RunKind, numerics: ResolvedNumerics) -> lis
     if (unknown := np.flatnonzero(np.isnan(longest))).size:
         longest = longest.copy()
         longest[unknown] = _from_spectrum(design, run, numerics, steps.rows[unknown])
-    if np.any(steps.dt < np.finfo(float).eps * np.where(longest < np.inf, longest, 0.0)):
+    # of rows with almost no rate, the period is as long as that of rows without
+    shortest = np.fmin.reduce(longest, initial=np.inf)
+    if shortest < np.inf and np.any(steps.dt < np.finfo(float).eps * shortest):
         text = f"is {numerics.dt:g} s, below the rounding of the time, which would not advance: remove it."
         return [Diagnostic(("numerics", "dt"), text)]
     wrong = np.flatnonzero(steps.dt > longest * _ROUNDING)

@@ -78,11 +78,12 @@ def test_fractions_of_outcomes() -> None:
 def test_inferred_rows_have_no_label_of_the_model_but_the_gait() -> None:
     """Whole numbers of such rows are 0 in the table."""
     table = grid_table((10, 10), lambda x, y: x < np.pi).assign(k=3, status="settled")
-    table.attrs["quantities"] = {"k": {}, "psi_1": {}}
+    table.attrs["quantities"] = {"k": {}, "psi_1": {}, "outcome": {}}
     assert fractions(table, label="k")["outcome"].tolist() == ["3"]
     table.loc[:49, ["k", "status"]] = [0, "inferred"]
     assert len(fractions(table)) == 2
     assert len(fractions(table, label="psi_1")) == 10
+    assert len(fractions(table.assign(outcome=table["gait"]), label="outcome")) == 2
     with pytest.raises(AnalysisError, match="inferred rows, which have no k"):
         fractions(table, label="k")
 

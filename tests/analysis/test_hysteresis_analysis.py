@@ -181,6 +181,15 @@ def test_branches_of_angles_that_pass_half_a_turn_do_not_cross() -> None:
     assert loop_area(table, "psi_n", "f")["area"].item() == pytest.approx(1.5 + 3.0, rel=1e-12)
 
 
+def test_a_loop_has_an_area_where_angles_at_one_value_cancel() -> None:
+    """As at a turn where an angle jumps by half a turn; the branch is linear over that value."""
+    table = pd.DataFrame({"row": 0, "pass": [0] * 5 + [1] * 5, "stair": range(10)})
+    table["f"] = [0.0, 1.0, 2.0, 3.0, 4.0, 4.0, 3.0, 2.0, 1.0, 0.0]
+    table["psi_n"] = [0.0, 0.0, 0.0, 0.0, np.pi, 0.0, 0.0, 0.0, 0.0, 0.0]
+    (loop,) = loop_area(table, "psi_n", "f").to_dict("records")
+    assert (loop["area"], loop["low"], loop["high"]) == (0.0, 0.0, 3.0)
+
+
 def test_a_row_that_fell_gives_no_jump_of_its_fall() -> None:
     table = ramp_table(2, steps=1000)
     end = (table["row"] == 1) & (table["crossing"] > 500)

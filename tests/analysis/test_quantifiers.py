@@ -170,6 +170,8 @@ def test_the_share_in_time_of_a_label_with_outcomes_counts_times() -> None:
     table = pd.DataFrame({**columns, "t_end": [1.0, 2.0, 3.0, 4.0], "gait": "walk", "outcome": "walk"})
     quantified: Any = gs.quantifiers(table, "k", label="gait", within=1.5)
     assert quantified[["fraction", "within"]].to_numpy().tolist() == [[1.0, 0.25]]
+    rows = gs.basins(table.drop(columns="outcome"), by="k").rows
+    assert gs.quantifiers(rows, "k", label="gait", within=1.5)["within"].tolist() == [0.25]
 
 
 def test_rows_without_a_start_are_no_shock() -> None:

@@ -39,20 +39,6 @@ def test_a_large_kernel_has_all_registers_that_a_thread_may_have() -> None:
     assert threads == 2 * gpu_program.THREADS * card.use().properties.multiprocessor_count
 
 
-def test_pinned_memory_is_used_again_when_no_array_refers_to_it() -> None:
-    card = CudaDevice(0)
-    memory, array = card.pinned(1 << 20)
-    view = array[10:20]
-    del array
-    view[:] = 1.0
-    _, other = card.pinned(1 << 20)
-    other[:] = 2.0
-    assert np.all(view == 1.0)
-    del view
-    again, _ = card.pinned(1 << 20)
-    assert again.handle == memory.handle
-
-
 def test_crossings_on_a_card_agree_with_solve_ivp() -> None:
     """The same bound as on a CPU: 95 % of random starts within 1e-6 rad over ten crossings."""
     _, table = reference("base")

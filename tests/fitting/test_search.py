@@ -30,6 +30,7 @@ from gaitsweep.fitting.identifiability import Identifiability, _constant
 from gaitsweep.fitting.optimisers import Method, optimiser
 from gaitsweep.fitting.population import Population
 from gaitsweep.fitting.robustness import Robust, share_kept
+from gaitsweep.fitting.row_measures import Share
 from gaitsweep.fitting.search import FINALISTS, SearchResult, _depends_on_the_step, run_search
 from gaitsweep.fitting.search_cost import estimate_search
 from gaitsweep.fitting.search_job import SearchOptions, load_search, read_search
@@ -469,6 +470,21 @@ def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
     asked["params"] = {**asked["params"], "kicking": 0.0}
     with pytest.raises(JobError, match=r"constants\[0\] is kicking, whose value is 0.*other than 0"):
         searched(asked, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("run", "same"), [({"kind": "settle"}, False), ({"kind": "fixed_time", "duration": 5}, True)]
+)
+def test_a_search_of_an_older_rule_is_not_continued(
+    run: dict[str, Any], same: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows that did not settle had a gait, and their sets another score."""
+    fields = {"device": "cpu", "engine": "kernel", "population": 1, "side_by_side": 1, "versions": {}}
+    targets = {"hop": {"kind": "share", "gait": "hop", "at": {"mass": [1, 2]}, "wanted": 1, "error": 0.1}}
+    asked = read_search({**job(targets=targets), "run": run}, Path.cwd())
+    present = asked.hash(**fields)
+    monkeypatch.setattr(Share, "rule_of_settling", 1)
+    assert (asked.hash(**fields) == present) == same
 
 
 def test_a_structure_is_either_fixed_or_free() -> None:

@@ -108,6 +108,7 @@ DRAWN: list[tuple[dict[str, Any], dict[str, Any], Any]] = [
         SETTLE,
         {"psi_1": [1, 2], **MASSES},
     ),
+    ({"kind": "basin", **PSI, "hue": "outcome"}, REFINED, GRID),
     ({"kind": "basin_measures", "panels": "m_B"}, SETTLE, BOTH),
     ({"kind": "gait_map", "x": "psi_1", "y": "m_B"}, SETTLE, BOTH),
     ({"kind": "gait_shares", "x": "m_B"}, SETTLE, BOTH),

@@ -63,6 +63,15 @@ def test_an_explicit_step_is_neither_too_long_nor_too_short(numerics: dict, sent
     Job(**fields, numerics={"method": "propagator6", "dt": 25e-3})
 
 
+def test_a_row_with_almost_no_rate_does_not_refuse_a_step() -> None:
+    """Its period is 1e18 times as long as that of the other row."""
+    run = {"kind": "settle"}
+    fields: dict[str, Any] = {"name": "weak", "model": "toy_model:Toy", "vary": {"stiffness": [4, 4e-36]}}
+    Job(**fields, run=run, numerics={"dt": 1e-2})
+    with pytest.raises(JobError, match="below the rounding of the time"):
+        Job(**fields, run=run, numerics={"dt": 1e-18})
+
+
 @pytest.mark.parametrize("path", [[3.0, 300.0], [300.0, 3.0]])
 def test_the_limit_from_a_period_covers_the_whole_path(path: list[float]) -> None:
     """Also of a model that tells no fast modes; the direction of the path makes no difference."""

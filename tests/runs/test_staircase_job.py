@@ -153,6 +153,13 @@ def test_a_staircase_that_cannot_be_run(
         assert word in str(error.value)
 
 
+@pytest.mark.parametrize("rows", [1000, 100_000, 250_000])
+def test_a_formula_of_many_rows_is_checked_between_the_turns(rows: int) -> None:
+    fields = {"params": {"kick": "(stiffness-6.5)**2-1+0*mass"}, "vary": {"mass": {"linspace": [1, 2, rows]}}}
+    with pytest.raises(JobError, match="where the staircase has stiffness"):
+        job(**fields)
+
+
 @pytest.mark.parametrize("missing", ["parameter", "path", "step", "dwell"])
 def test_required_fields_of_a_staircase(missing: str) -> None:
     with pytest.raises(JobError, match=rf"run\.{missing} is missing: "):

@@ -256,7 +256,8 @@ def test_only_numbered_contacts_are_those_of_feet() -> None:
     between = motion.at(np.array([0.75]))
     assert between["contact_force"] == pytest.approx(0.75)
     assert between["contact_2"] == 1.0
-    assert contact_signals(["t", "contact_10", "contact_2", "contact_force", "contact_"]) == [
+    assert contact_signals(["t", "contact_10", "contact_2", "contact_force", "contact_", "contact_0"]) == [
+        "contact_0",
         "contact_2",
         "contact_10",
     ]

@@ -1125,3 +1125,5 @@ def test_points_of_a_branch_are_found_again_where_the_parameter_is_zero() -> Non
     followed = pd.DataFrame({"row": 0, "point": [0, 1, 2], "mu": [-0.5, -3e-17, 0.5 + 1e-6], "at": at})
     found = _points_of_records(table, np.array([0]), followed, ["point"], "mu")
     assert sorted(found) == [0, 1]
+    table.loc[3] = (1, 0, np.nan)  # a row without a branch
+    assert sorted(_points_of_records(table, np.array([0]), followed, ["point"], "mu")) == [0, 1]

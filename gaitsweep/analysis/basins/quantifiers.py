@@ -124,7 +124,8 @@ def _in_time(table: pd.DataFrame, label: str, within: float) -> pd.DataFrame:
     """The table without the outcomes of rows that took longer than `within` (s)."""
     outcomes = np.array(table[label].astype(object))
     outcomes[~(table["t_end"].to_numpy(float) <= within)] = None
-    return table.assign(**{label: outcomes})
+    # the table's own outcomes are those of all rows, whatever their times
+    return table.drop(columns="outcome", errors="ignore").assign(**{label: outcomes})
 
 
 def _with_outcomes(table: pd.DataFrame, label: str) -> pd.DataFrame:

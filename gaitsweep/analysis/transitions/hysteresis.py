@@ -358,5 +358,7 @@ def _branch(
     if not len(at):
         return at, value
     if circular:
-        return at, np.unwrap([mean_direction(value[which == i]) for i in range(len(at))])
+        means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
+        known = ~np.isnan(means)  # opposite angles at one value have no mean
+        return at[known], np.unwrap(means[known])
     return at, np.bincount(which, value) / np.bincount(which)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import threading
-import weakref
 from typing import Any
 
 import numpy as np
@@ -16,18 +14,6 @@ from gaitsweep.engine.kernel.gpu_program import THREADS
 
 # A number on a card is float64.
 _NUMBER = 8
-# Pinned memory that no array uses, of all cards; the oldest is freed above this number of bytes.
-_UNUSED: list[Any] = []
-_UNUSED_LOCK = threading.RLock()  # the garbage collector may put memory back while a thread holds it
-_MOST_UNUSED = 256 << 20
-
-
-def _put_back(memory: Any) -> None:
-    """Keep pinned memory for the next sweep."""
-    with _UNUSED_LOCK:
-        _UNUSED.append(memory)
-        while sum(unused.size for unused in _UNUSED) > _MOST_UNUSED:
-            del _UNUSED[0]
 
 
 def unavailable() -> str | None:
@@ -81,7 +67,10 @@ class DeviceArray:
         if self._host.size < size:
             # the next size is often a little larger
             room = min(self.size, max(size, 2 * self._host.size))
-            self._pinned, self._host = self.card.pinned(room)
+            self._pinned = self.card.allocate_pinned(room)
+            memory = (ctypes.c_double * room).from_address(int(self._pinned.handle))
+            memory.owner = self._pinned  # a view that outlives this object stays valid
+            self._host = np.frombuffer(memory, np.float64)
         return self._host[:size]
 
     def to_card(self, size: int) -> None:
@@ -126,29 +115,15 @@ class CudaDevice:
         """Memory of the card for `size` numbers."""
         return self.use().allocate(max(size, 1) * _NUMBER, stream=self._stream)
 
-    def pinned(self, size: int) -> tuple[Any, Float[np.ndarray, " numbers"]]:
-        """Pinned memory of the host, which the card copies at full rate, and its array of `size` numbers.
-
-        The memory is used again when nothing refers to the array, since to pin 10 MB takes milliseconds.
-        """
-        with _UNUSED_LOCK:
-            fitting = [memory for memory in _UNUSED if size <= memory.size // _NUMBER <= 2 * size]
-            memory = min(fitting, key=lambda memory: memory.size, default=None)
-            if memory is not None:
-                _UNUSED.remove(memory)
-        if memory is None:
-            memory = self._pinned.allocate(size * _NUMBER)
-        else:
-            self.use().sync()  # an interrupted run may have a copy under way
-        numbers = (ctypes.c_double * size).from_address(int(memory.handle))
-        weakref.finalize(numbers, _put_back, memory)
-        return memory, np.ctypeslib.as_array(numbers)
+    def allocate_pinned(self, size: int) -> Any:
+        """Pinned memory of the host for `size` numbers, which the card copies at full rate."""
+        return self._pinned.allocate(size * _NUMBER)
 
     def copy(self, source: Any, target: Any, size: int) -> None:
         """Copy numbers from one memory to another, after all earlier launches.
 
         Args:
-            source, target: buffers of `allocate` or `pinned`.
+            source, target: buffers of `allocate` or `allocate_pinned`.
             size: how many numbers are copied, the first ones.
 
         Raises:

@@ -45,7 +45,7 @@ def check_cells(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 
 def check_hue(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
     """Refuse outcomes by a column that inferred rows do not have."""
-    if table.run.refined(table.rows) is None or figure.hue in ("gait", *table.varied):
+    if table.run.refined(table.rows) is None or figure.hue in ("gait", "outcome", *table.varied):
         return
     if figure.hue in quantities_of(table.model, table.run.all_columns(table.model)):
         text = "but run.refine infers rows, of which the gait alone is known"

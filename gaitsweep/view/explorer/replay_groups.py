@@ -312,7 +312,7 @@ def _points_of_records(
     numbers = [table[name].to_numpy(np.int64) for name in ("row", *point_names)]
     record_of = {key: record for record, key in enumerate(zip(*numbers, strict=True))}
     parameters = table[moved].to_numpy(float)
-    closest = _PARAMETER_TOLERANCE * np.abs(parameters).max(initial=0.0)
+    closest = _PARAMETER_TOLERANCE * np.fmax.reduce(np.abs(parameters), initial=0.0)  # NaN without a branch
     points = {}
     for point in followed.to_dict("records"):
         record = record_of.get((int(rows[point["row"]]), *(point[name] for name in point_names)))
