@@ -78,9 +78,10 @@ def jumps(
         observable: a section observable (delta_13); angles are unwrapped.
         parameter: the column of the moving parameter.
         least: the least change of a jump, in the observable's unit: between two holds, or within 40 crossings
-            of a ramp. A jump is also larger than four times the lower quartile of such changes in the row.
-            None: of a staircase, the changes that are four times as large as those beside them, and change
-            the gait or are a twentieth of the range of all rows.
+            of a ramp. A jump is also larger than four times the lower quartile of such changes in the row, or
+            than four times the other change of three holds. None: of a staircase, the changes that are four
+            times as large as those beside them, and change the gait or are a twentieth of the range of all
+            rows; of two holds, those that change the gait.
 
     Returns:
         One record a jump: row, swept axes, pass, direction (rising or falling, the parameter's), `low` and
@@ -251,8 +252,9 @@ def stretches(course: Course, least: float | None) -> list[Stretch]:
     Args:
         course: the course.
         least: the least change of a jump, in the observable's unit; a jump is also larger than four times the
-            lower quartile of the course's changes. None: of a staircase, the changes that are four times as
-            large as those beside them, and change the gait or are `Course.large`.
+            lower quartile of the course's changes, or than four times the other change of three holds. None:
+            of a staircase, the changes that are four times as large as those beside them, and change the gait
+            or are `Course.large`; of two holds, those that change the gait.
     """
     if course.settled is None:
         return _along_crossings(course.value, LEAST_JUMP if least is None else least)
@@ -266,7 +268,8 @@ def stretches(course: Course, least: float | None) -> list[Stretch]:
         beside = np.concatenate([change[max(start - BESIDE, 0) : start], change[stop : stop + BESIDE]])
         other_gait = course.gait[start] != course.gait[stop]
         steepest = float(np.max(change[start:stop], initial=0.0))
-        steep = not beside.size or steepest > STEEPER * float(np.median(beside))
+        # of two holds no other change shows what is usual, so the gait decides
+        steep = steepest > STEEPER * float(np.median(beside)) if beside.size else other_gait
         if steep and size > noise and (size >= course.large or other_gait):
             jumps.append(Stretch(start, stop))
     return jumps
