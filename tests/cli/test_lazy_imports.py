@@ -103,6 +103,7 @@ def test_a_lazy_name_stands_for_the_object() -> None:
     assert Lazy({}, "xml", "etree").__name__ == "xml.etree"
 
 
+@pytest.mark.slow
 def test_no_error_is_caught_by_a_lazy_name() -> None:
     """Python takes no name that stands for a class after `except`: it needs the attribute of its module."""
     for path in (ROOT / "gaitsweep").rglob("*.py"):

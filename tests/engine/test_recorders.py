@@ -152,6 +152,7 @@ def test_every_crossing_and_the_samples_of_each_window_are_kept(engine: str) -> 
     np.testing.assert_allclose(height, -D + D * np.cos(W * since) + u / W * np.sin(W * since), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_labels_and_ends_of_rows_in_single_precision_are_computed_in_double() -> None:
     """Whether or not all rows of a block have samples."""
     in_single = Numerics(precision="float32")

@@ -64,6 +64,7 @@ def test_walking_at_1_1_m_s_is_stable_and_symmetric() -> None:
     assert walk.images.observed["v_x"][0] == pytest.approx(1.1, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "low"),
     [(SpringMassWalker(), {"E": 700.0, "z_0": 0.97}), (SlipRunner(), {"speed": 0.5, "z_0": 1.1})],

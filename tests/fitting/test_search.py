@@ -87,6 +87,7 @@ def searched(fields: dict[str, Any], out: Path) -> SearchResult:
     return run_search(read_search(fields, Path.cwd()), out, figures=False)
 
 
+@pytest.mark.slow
 def test_planted_constants_are_found_again(tmp_path: Path) -> None:
     result = gs.search(TOY, tmp_path / "out")
     best = result.identifiability.best.iloc[0]
@@ -472,6 +473,7 @@ def test_a_constant_of_zero_has_no_share_to_change_by(tmp_path: Path) -> None:
         searched(asked, tmp_path / "out")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("run", "same"), [({"kind": "settle"}, False), ({"kind": "fixed_time", "duration": 5}, True)]
 )

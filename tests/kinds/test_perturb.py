@@ -293,6 +293,7 @@ def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> 
         job(**fields)
 
 
+@pytest.mark.slow
 def test_pushes_are_named_once_and_one_name_is_no_list_of_letters() -> None:
     def pushes(push: Any, run: Any = None) -> Any:
         return (

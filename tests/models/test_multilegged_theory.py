@@ -287,6 +287,7 @@ def test_results_of_uniform_chains_refuse_ends_that_differ() -> None:
         refused(9, branch, s, Chain(kappa_1=100.0, a_end=0.4))
 
 
+@pytest.mark.slow
 def test_a_chain_at_the_limit_of_existence_has_numbers() -> None:
     """At m_B = m/2 no neighbour is in takeoff, and set A is empty."""
     lengths = [float(line_length(3, Chain(m_1=m, m_end=m))) for m in (0.5, 0.5 + 1e-9)]

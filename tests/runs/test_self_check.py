@@ -554,6 +554,7 @@ WELLS: dict[str, Any] = {"max_cycles": 2000, "tolerance": 1e-6}
 PUSHED = gs.Perturb(push=["first"], max_cycles=60)
 
 
+@pytest.mark.slow("TwoOscillators-run0-axes0-2")
 @pytest.mark.parametrize(
     ("model", "run", "axes", "unstable"),
     [
