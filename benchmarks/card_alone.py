@@ -109,7 +109,7 @@ def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measur
     )
     began = time.perf_counter()
     on_card = CudaLanes(spec, spec.devices[0])
-    on_card.fill(params, starts, np.ones(lanes, bool))
+    on_card.fill(params, starts, np.arange(lanes))
     ready = time.perf_counter() - began
     attempts, rates = int(on_card.run_chunk(0).numbers["attempts"].sum()), []
     for _ in range(3):

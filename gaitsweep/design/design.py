@@ -124,7 +124,8 @@ class Design:
             wanted: the names.
 
         Returns:
-            Float64 arrays (n,) by name, in the order of `wanted`.
+            Float64 arrays (n,) by name, in the order of `wanted`; read-only, since a value that all rows
+            have takes no memory.
 
         Raises:
             ExpressionError: an expression has no value in one of these rows.
@@ -138,14 +139,13 @@ class Design:
             if name in self._places:
                 place = self._places[name]
                 axis = self.groups[place].axes[name]
-                index = self.index(rows, place)
                 if not axis.formulas and axis.length < rows.size:
-                    known[name] = axis.at(np.arange(axis.length), known)[index]
+                    known[name] = self._spread(axis.at(np.arange(axis.length), known), rows, place)
                 else:
-                    known[name] = axis.at(index, known)
+                    known[name] = axis.at(self.index(rows, place), known)
             else:
                 known = resolve({name: self.settings[name]}, known)
-        return {name: np.array(np.broadcast_to(known[name], rows.shape), dtype=np.float64) for name in wanted}
+        return {name: np.broadcast_to(np.asarray(known[name], np.float64), rows.shape) for name in wanted}
 
     def row(self, number: int) -> dict[str, float]:
         """Return all parameters and starts of a row; NaN for a start that the model itself decides.
@@ -237,6 +237,21 @@ class Design:
         turns = rows // stride if stride > 1 else rows
         # NumPy's remainder takes several times as long
         return turns - turns // length * length
+
+    def _spread(
+        self, points: Float[np.ndarray, " points"], rows: RowNumbers, position: int
+    ) -> Float[np.ndarray, " rows"]:
+        """Return the values in rows (n,) of an axis of the group at `position`, from those at its points."""
+        stride, length = self.stride(position), points.size
+        first, last = int(rows[0]), int(rows[-1])
+        if last - first != rows.size - 1 or np.any(rows[1:] <= rows[:-1]):
+            return points[self.index(rows, position)]
+        # consecutive rows repeat the points in order, which takes less time than to look them up
+        if stride == 1:
+            return np.tile(points, 2 + rows.size // length)[first % length :][: rows.size]
+        turns = np.arange(first // stride, last // stride + 1)
+        ends = np.minimum((turns + 1) * stride, last + 1)
+        return np.repeat(points[turns % length], ends - np.maximum(turns * stride, first))
 
     def spans(self, name: str) -> tuple[int, ...]:
         """Return the positions of the groups on which the value of a name depends."""

@@ -280,7 +280,7 @@ class RunKind(StrictModel, abc.ABC):
         columns |= {name: records.of_row(values) for name, values in axes.items()}
         declared = [*self.all_columns(model), *self.columns_of_block(model, block)]
         columns |= {column.name: column.values(records) for column in declared}
-        return pd.DataFrame(columns)
+        return pd.DataFrame(columns, copy=False)
 
 
 class TableRunKind(RunKind):

@@ -209,24 +209,23 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
     pool.open_first_rows()
     compile_s = time.perf_counter() - began
     began = time.perf_counter()
-    outputs = pool.advance_all(polls_per_chunk(spec))
+    chunks = [chunk for _, chunk in pool.advance_all(polls_per_chunk(spec))]
     seconds = time.perf_counter() - began
     at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)
-    lanes_in_use = sum(int(np.count_nonzero(group.block_of >= 0)) for group, _ in outputs)
-
-    def total(number: str) -> float:
-        return float(sum(np.sum(output.numbers[number][group.block_of >= 0]) for group, output in outputs))
-
-    simulated = total("t_end")
-    crossings = total("cycles")
+    lanes_in_use = sum(chunk.ended + chunk.running.t.size for chunk in chunks)
+    simulated = sum(
+        float(chunk.running.t.sum() + sum(part.numbers["t_end"].sum() for part in chunk.parts))
+        for chunk in chunks
+    )
+    crossings = sum(float(chunk.cycles + chunk.running.cycles.sum()) for chunk in chunks)
     period = nominal_period(context.design)
     nominal = 1.0 if math.isnan(period) else 1.0 / period  # rows without a period end at once
     if crossings < 2.0 * lanes_in_use:  # too few for a mean
         crossings = nominal * simulated
     if simulated > 0.0:
-        attempts = total("attempts") / simulated
+        attempts = sum(float(chunk.attempts + chunk.running_attempts.sum()) for chunk in chunks) / simulated
         crossings = crossings / simulated
     else:
         attempts = ATTEMPTS_A_STEP / float(np.nanmin(context.steps.dt, initial=1.0 / nominal))
@@ -241,16 +240,20 @@ def _host_s(context: RunContext, pool: LaneScheduler) -> float:
     """
     if isinstance(context.job.run, TableRunKind):
         return 0.0
-    group = pool.groups[0]
+    lanes = pool.groups[0].lanes
     block = next(iter(pool.open.values()))
+    rows = min(lanes.size, block.rows)
+    params, starts = (
+        {name: values[:rows] for name, values in columns.items()} for columns in (block.params, block.starts)
+    )
     block.ends.numbers["status"] = np.full_like(block.ends.status, Status.settled)
     seconds_a_row = 0.0
     for _ in range(2):  # the first time programs are compiled
         began = time.perf_counter()
-        group.reopen_all()
+        lanes.fill(params, starts, np.arange(rows))
         opened = time.perf_counter()
         frame = context.table(labelled(context.spec, block))
         arrow_part(frame, block.number, context.job_hash, {}).encoded()
         written = time.perf_counter()
-        seconds_a_row = (opened - began) / group.size + (written - opened) / block.rows
+        seconds_a_row = (opened - began) / rows + (written - opened) / block.rows
     return seconds_a_row

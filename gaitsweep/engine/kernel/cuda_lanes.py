@@ -8,7 +8,7 @@ from typing import final
 
 import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from gaitsweep.contract import Params
 from gaitsweep.engine.devices import Device
@@ -18,7 +18,6 @@ from gaitsweep.engine.kernel.gpu_program import LaneKernels, RunKernel
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
 from gaitsweep.engine.stored_traces import dependences
-from gaitsweep.engine.sweep.blocks_of_rows import as_slice
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
@@ -105,18 +104,17 @@ class CudaLanes(KernelLanes):
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()
 
-    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
+    def fill(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> None:
         """Start new trajectories; all of them are copied to the card together."""
         self.card.use()
-        lanes = np.flatnonzero(fresh)
         count = lanes.size
         entries = self._entries.host(self._entries.shape[0] * count).reshape(-1, count)
         entries[0] = lanes
-        for place, column in enumerate(self._inputs(params, starts, lanes), start=1):
+        for place, column in enumerate(self._inputs(params, starts), start=1):
             entries[place] = column
         self._entries.to_card(entries.size)
         self.card.launch(self._put, count, self._slots, self._samples, self.size, self._entries, count)
-        self._under_way |= fresh
+        self._under_way[lanes] = True
         if self._uniform.differs(entries[1:]):
             n_slots = self._lane_kernels.slots
             self.card.launch(self._trajectory, n_slots, self._slots, self.size, int(lanes[0]), self._output)
@@ -130,16 +128,13 @@ class CudaLanes(KernelLanes):
             self.at_a_time = min(self.size, self.card.threads(self.run))
         self.card.wait()
 
-    def _inputs(
-        self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]
-    ) -> Iterator[np.ndarray]:
-        """The inputs (opened,) of the function that opens the trajectories of some lanes, in order."""
+    def _inputs(self, params: Values, starts: Values) -> Iterator[np.ndarray]:
+        """The inputs (opened,) of the function that opens trajectories, in order."""
         if self._lane_kernels.from_row:
-            which = as_slice(lanes)
             for names, columns in zip(self.kernel.names, (params, starts), strict=True):
-                yield from (columns[name][which] for name in names)
+                yield from (columns[name] for name in names)
         else:
-            opened = self.opened(params, starts, lanes)
+            opened = self.opened(params, starts)
             yield from (*opened.slots.T, *opened.samples.T, opened.keeps)
 
     def advance(self, polls: int) -> None:

@@ -23,6 +23,7 @@ from gaitsweep.engine.kernel.trace import TracedFunction, UnsupportedError, trac
 from gaitsweep.engine.numerics import STEP_FACTOR, ResolvedNumerics
 from gaitsweep.engine.recorders.recorder import BUFFER, Recorder
 from gaitsweep.engine.stored_traces import stored
+from gaitsweep.engine.sweep.blocks_of_rows import as_slice
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes, OneLane, Opened, RowDrive, Values, started_row
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS
@@ -236,10 +237,10 @@ class KernelLanes(Lanes):
         self._dtype = np.dtype(spec.numerics.dtype)
         self._dtypes = {n.name: np.dtype(n.dtype) for n in (*ENGINE_NUMBERS, *spec.recorder.numbers)}
 
-    def opened(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> OpenedRows:
-        """The opened rows of some lanes, from the parameters and the initial conditions of all lanes."""
-        values = {name: np.asarray(column[lanes], self._dtype) for name, column in params.items()}
-        initial = {name: np.asarray(column[lanes], self._dtype) for name, column in starts.items()}
+    def opened(self, params: Values, starts: Values) -> OpenedRows:
+        """The opened rows with these parameters and initial conditions, (opened,) each."""
+        values = {name: np.asarray(column, self._dtype) for name, column in params.items()}
+        initial = {name: np.asarray(column, self._dtype) for name, column in starts.items()}
         return self.kernel.open(values, initial)
 
     def output(self, read_slots: Callable[[slice], Real[np.ndarray, "slots lanes"]]) -> ChunkOutput:
@@ -290,11 +291,11 @@ class CpuLanes(KernelLanes):
         self._slots[:, leaves["status"].first] = Status.complete
         self._buffers = np.zeros((tiles * cpu_program.TILE, BUFFER if width else 0, width))
 
-    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        lanes = np.flatnonzero(fresh)
-        opened = self.opened(params, starts, lanes)
+    def fill(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> None:
+        opened = self.opened(params, starts)
         tiles, used, size = len(self._slots), opened.slots.shape[1], cpu_program.TILE
-        if lanes.size == tiles * size:  # all of them, which a copy takes less time for than a selection
+        # all of them in order, which a copy takes less time for than a selection
+        if lanes.size == tiles * size and as_slice(lanes) == slice(0, lanes.size, 1):
             self._slots[:, :used] = opened.slots.reshape(tiles, size, used).transpose(0, 2, 1)
         else:
             tile, lane = np.divmod(lanes, size)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float, Int, Num, Real
 
 from gaitsweep.contract import Model, names_gait
 from gaitsweep.engine.carry import Number, Observed
@@ -61,6 +61,57 @@ def as_slice(places: Int[np.ndarray, " places"]) -> Int[np.ndarray, " places"] |
     return slice(first, last + 1, step)
 
 
+class BlockPart(NamedTuple):
+    """New samples of rows of a block, and the numbers of rows that have ended.
+
+    Attributes:
+        number: the number of the block.
+        owner: the row (m,) of each sample in the block.
+        samples: the samples (m, width).
+        ended: the number n of ended rows.
+        rows: their places in the block, (n,) or a slice.
+        numbers: their numbers by name, (n, ...) each.
+    """
+
+    number: int
+    owner: Int[np.ndarray, " records"]
+    samples: Float[np.ndarray, "records width"]
+    ended: int
+    rows: Int[np.ndarray, " ended"] | slice
+    numbers: dict[str, Num[np.ndarray, "ended ..."]]
+
+    @classmethod
+    def of(
+        cls,
+        number: int,
+        output: ChunkOutput,
+        lanes: Int[np.ndarray, " changed"],
+        rows: Int[np.ndarray, " changed"],
+        ended: Bool[np.ndarray, " changed"],
+    ) -> BlockPart:
+        """The part of a chunk's output that belongs to a block, without memory that the next chunk changes.
+
+        Args:
+            number: the number of the block.
+            output: the output of the chunk.
+            lanes: lanes of this block (n,).
+            rows: their rows (n,).
+            ended: mask (n,) of the rows that have ended.
+        """
+        filled = output.filled[lanes]
+        most = filled.max(initial=0)
+        owner, samples = rows[:0], np.zeros((0, output.buffers.shape[2]))
+        if most > 1:
+            place = np.arange(filled.sum()) - np.repeat(np.cumsum(filled) - filled, filled)
+            owner, samples = np.repeat(rows, filled), output.buffers[np.repeat(lanes, filled), place]
+        elif most:
+            sampled = filled == 1
+            owner, samples = rows[sampled], np.array(output.buffers[as_slice(lanes[sampled]), 0])
+        ended_lanes = as_slice(lanes[ended])
+        numbers = with_orbits({name: values[ended_lanes] for name, values in output.numbers.items()})
+        return cls(number, owner, samples, int(np.count_nonzero(ended)), as_slice(rows[ended]), numbers)
+
+
 class Block:
     """The rows of one block while they run.
 
@@ -110,36 +161,14 @@ class Block:
         """Whether rows have ended that are not on disk."""
         return self._ended_count > self._stored_count
 
-    def collect(
-        self,
-        output: ChunkOutput,
-        lanes: Int[np.ndarray, " changed"],
-        rows: Int[np.ndarray, " changed"],
-        ended: Bool[np.ndarray, " changed"],
-    ) -> None:
-        """Append the new samples of rows, and store the final values of those that have ended.
-
-        Args:
-            output: the output of a chunk.
-            lanes: lanes of this block (n,).
-            rows: their rows (n,).
-            ended: mask (n,) of the rows that have ended.
-        """
-        filled = output.filled[lanes]
-        most = filled.max(initial=0)
-        if most == 1:
-            sampled = filled == 1
-            self._samples[1].append((rows[sampled], np.array(output.buffers[as_slice(lanes[sampled]), 0])))
-        elif most:
-            place = np.arange(filled.sum()) - np.repeat(np.cumsum(filled) - filled, filled)
-            self._samples[1].append(
-                (np.repeat(rows, filled), output.buffers[np.repeat(lanes, filled), place])
-            )
-        ended_lanes, ended_rows = as_slice(lanes[ended]), as_slice(rows[ended])
-        numbers = {name: values[ended_lanes] for name, values in output.numbers.items()}
-        self.ends.put(ended_rows, with_orbits(numbers))
-        self.ended[ended_rows] = True
-        self._ended_count += int(np.count_nonzero(ended))
+    def add(self, part: BlockPart) -> None:
+        """Append the new samples of rows, and store the final values of those that have ended."""
+        if part.owner.size:
+            self._samples[1].append((part.owner, part.samples))
+        if part.ended:
+            self.ends.put(part.rows, part.numbers)
+            self.ended[part.rows] = True
+            self._ended_count += part.ended
 
     def unstored(self) -> RowOutcome:
         """The rows that have ended but are not on disk."""

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol, final
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Float, Int, Real
 
 from gaitsweep.contract import Model, Params, State
 from gaitsweep.engine.advance import Advance, advance
@@ -79,13 +79,13 @@ class Lanes(abc.ABC):
     at_a_time: int
 
     @abc.abstractmethod
-    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
+    def fill(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> None:
         """Start new trajectories.
 
         Args:
-            params: the parameters of all lanes, (size,) each, by name.
-            starts: their initial conditions, (size,) each, by name.
-            fresh: mask of the lanes in which a trajectory starts, (size,).
+            params: their parameters, (opened,) each, by name.
+            starts: their initial conditions, (opened,) each, by name.
+            lanes: the lanes in which they start, (opened,).
         """
 
     @abc.abstractmethod

@@ -7,13 +7,14 @@ import time
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int, Real
+from jaxtyping import Bool, Int
 
-from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL
-from gaitsweep.engine.sweep.blocks_of_rows import Block, as_slice
+from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, RunningRows
+from gaitsweep.engine.sweep.blocks_of_rows import Block, BlockPart, as_slice
 from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
+from gaitsweep.status import Status
 
 # Longest duration of a chunk (s), so that progress is shown and Ctrl-C takes effect.
 MAX_CHUNK = 0.25
@@ -106,19 +107,45 @@ FIRST_POLLS = 4
 IDLE = -1
 
 
-class TimedChunk(NamedTuple):
-    """The output of a chunk, and the time at which it began (s)."""
+class _Placed(NamedTuple):
+    """Rows (n,) of a block, and their lanes (n,)."""
 
-    output: ChunkOutput
+    block: Block
+    rows: Int[np.ndarray, " placed"]
+    lanes: Int[np.ndarray, " placed"]
+
+
+class CollectedChunk(NamedTuple):
+    """The results of a chunk.
+
+    Attributes:
+        began: the time at which it began (s).
+        free: the lanes without a row.
+        parts: the new samples and the ended rows of each block.
+        ended: the number of ended rows.
+        cycles, attempts: sums over the ended rows.
+        running: the progress of the rows that go on.
+        running_attempts: the attempts of these.
+        fullest: the number of records in the fullest buffer.
+    """
+
     began: float
+    free: Int[np.ndarray, " free"]
+    parts: list[BlockPart]
+    ended: int
+    cycles: int
+    attempts: int
+    running: RunningRows
+    running_attempts: Int[np.ndarray, " running"]
+    fullest: int
 
 
 class LaneGroup:
     """Some lanes of a device, the rows in them, and their progress.
 
-    `block_of` is the number of each lane's block, `IDLE` without a row, and `row_of` the row in that block;
-    `progress` and `attempts` are sums over the running rows, of the share of their work that is done and of
-    their attempts.
+    A chunk and the collection of its results run in a thread of the group, while other groups and the main
+    loop continue. `free` are the lanes that the main loop may fill; `progress` and `attempts` are sums over
+    the running rows, of the share of their work that is done and of their attempts.
 
     Args:
         lanes: the lanes.
@@ -128,66 +155,99 @@ class LaneGroup:
     def __init__(self, lanes: Lanes, spec: SweepSpec) -> None:
         self.lanes = lanes
         self.size = lanes.size
-        self.block_of = np.full(self.size, IDLE)
-        self.row_of = np.zeros(self.size, np.int64)
+        self.free: Int[np.ndarray, " free"] = np.arange(self.size)
         self.progress = 0.0
         self.attempts = 0
         self.sizer = ChunkSizer(polls_per_chunk(spec))
         if spec.engine == "xla":
             self.sizer.polls = FIRST_POLLS
-        # the values of all lanes; empty before the first row
-        self._params: dict[str, Real[np.ndarray, "lanes ..."]] = {}
-        self._starts: dict[str, Real[np.ndarray, "lanes ..."]] = {}
-        self._fresh = np.zeros(self.size, bool)
-        self._occupied = 0  # lanes with a row
+        self._most_samples = spec.most_samples
+        self._fresh: list[_Placed] = []  # rows that the next chunk opens
+        self._block_of = np.full(self.size, IDLE)
+        self._row_of = np.zeros(self.size, np.int64)
 
     @property
     def busy(self) -> bool:
-        """Whether any lane has a row."""
-        return self._occupied > 0
+        """Whether any lane has a row, or one that has ended and that the main loop has not taken yet."""
+        return self.free.size < self.size
 
-    def place(
-        self, block: Block, rows: Int[np.ndarray, " placed"], lanes: Int[np.ndarray, " placed"]
-    ) -> None:
-        """Put rows into lanes; the next chunk opens them.
+    def place(self, block: Block, rows: Int[np.ndarray, " placed"]) -> None:
+        """Put rows (n,) of a block into the first free lanes; the next chunk opens them."""
+        self._fresh.append(_Placed(block, rows, self.free[: rows.size]))
+        self.free = self.free[rows.size :]
 
-        Args:
-            block: the block of the rows.
-            rows: their numbers (n,) in the block.
-            lanes: their lanes (n,) in this group.
-        """
-        to_lanes, from_rows = as_slice(lanes), as_slice(rows)
-        self.block_of[to_lanes] = block.number
-        self.row_of[to_lanes] = rows
-        self._fresh[to_lanes] = True
-        self._occupied += rows.size
-        for of_lanes, of_rows in ((self._params, block.params), (self._starts, block.starts)):
-            if not of_lanes:  # idle lanes are computed as well, with the values of the first row
-                of_lanes |= {n: np.repeat(column[:1], self.size, axis=0) for n, column in of_rows.items()}
-            for name, values in of_lanes.items():
-                values[to_lanes] = of_rows[name][from_rows]
-
-    def free(self, has_ended: Bool[np.ndarray, " lanes"]) -> None:
-        """Take the rows out of the lanes of a mask (size,), all of which have one."""
-        self.block_of[has_ended] = IDLE
-        self._occupied -= int(np.count_nonzero(has_ended))
-
-    def reopen_all(self) -> None:
-        """Open the rows of all lanes again, as if none of them had begun."""
-        self.lanes.fill(self._params, self._starts, np.ones(self.size, bool))
-
-    def chunk(self, polls: int | None = None) -> TimedChunk:
-        """Open fresh rows and advance all.
+    def chunk(self, polls: int | None = None) -> CollectedChunk:
+        """Open fresh rows, advance all, and take those that have ended out of their lanes.
 
         Args:
             polls: the number of polls, by default that which the sizer chooses.
         """
-        if self._fresh.any():
-            self.lanes.fill(self._params, self._starts, self._fresh)
-            self._fresh = np.zeros(self.size, bool)
+        if self._fresh:
+            self._open()
         polls = self.sizer.polls if polls is None else polls
         began = self.sizer.record_start()
         output = self.lanes.run_chunk(polls)
         if polls:
             self.sizer.record_end(began, polls)
-        return TimedChunk(output, began)
+        return self._collected(output, began)
+
+    def _open(self) -> None:
+        """Open the fresh rows."""
+        fresh, self._fresh = self._fresh, []
+        params: dict[str, list[np.ndarray]] = {}
+        starts: dict[str, list[np.ndarray]] = {}
+        for block, rows, lanes in fresh:
+            to_lanes, from_rows = as_slice(lanes), as_slice(rows)
+            self._block_of[to_lanes] = block.number
+            self._row_of[to_lanes] = rows
+            for columns, of_block in ((params, block.params), (starts, block.starts)):
+                for name, values in of_block.items():
+                    columns.setdefault(name, []).append(values[from_rows])
+        self.lanes.fill(
+            {name: _joined(parts) for name, parts in params.items()},
+            {name: _joined(parts) for name, parts in starts.items()},
+            _joined([placed.lanes for placed in fresh]),
+        )
+
+    def _collected(self, output: ChunkOutput, began: float) -> CollectedChunk:
+        """The results of a chunk that began at `began` (s), whose ended rows leave their lanes."""
+        is_busy = self._block_of != IDLE
+        is_running = is_busy & (output.numbers["status"] == Status.running)
+        if self._most_samples is not None:
+            is_running &= output.samples < self._most_samples
+        has_ended = is_busy & ~is_running
+        parts = self._parts(output, has_ended | (is_running & (output.filled > 0)), has_ended)
+        self._block_of[has_ended] = IDLE
+        cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
+        times = output.numbers["t_end"]
+        return CollectedChunk(
+            began,
+            np.flatnonzero(self._block_of == IDLE),
+            parts,
+            ended=int(np.count_nonzero(has_ended)),
+            cycles=int(cycles[has_ended].sum()),
+            attempts=int(attempts[has_ended].sum()),
+            running=RunningRows(cycles[is_running], output.samples[is_running], times[is_running]),
+            running_attempts=attempts[is_running],
+            fullest=int(output.filled.max(initial=0)),
+        )
+
+    def _parts(
+        self, output: ChunkOutput, changed: Bool[np.ndarray, " lanes"], has_ended: Bool[np.ndarray, " lanes"]
+    ) -> list[BlockPart]:
+        """The parts of a chunk's output by block, from masks of the lanes that changed and that ended."""
+        lanes = np.flatnonzero(changed)
+        number = self._block_of[lanes]
+        if np.any(number[1:] < number[:-1]):
+            lanes = lanes[np.argsort(number, kind="stable")]
+            number = self._block_of[lanes]
+        of_blocks = np.split(lanes, np.flatnonzero(number[1:] != number[:-1]) + 1) if lanes.size else ()
+        return [
+            BlockPart.of(int(self._block_of[lanes[0]]), output, lanes, self._row_of[lanes], has_ended[lanes])
+            for lanes in of_blocks
+        ]
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    """Arrays one after the other; a single one is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -11,19 +11,13 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 
 import numpy as np
-from jaxtyping import Bool, Int
 
 from gaitsweep.compiling_threads import compiling
-from gaitsweep.engine.recorders.recorder import RunningRows
 from gaitsweep.engine.sweep.blocks_of_rows import Block
 from gaitsweep.engine.sweep.engine_choice import groups_on
-from gaitsweep.engine.sweep.lane import ChunkOutput
-from gaitsweep.engine.sweep.lane_group import IDLE, LaneGroup, TimedChunk
+from gaitsweep.engine.sweep.lane_group import CollectedChunk, LaneGroup
 from gaitsweep.engine.sweep.sweep_spec import SweepProgress, SweepSpec
 from gaitsweep.row_outcome import ENGINE_NUMBERS, RowOutcome
-from gaitsweep.status import Status
-
-_LaneMask = Bool[np.ndarray, " lanes"]  # of the lanes of a group
 
 
 def _restored_rows(
@@ -75,7 +69,7 @@ class LaneScheduler:
         self._next: Future[Block] | None = None
         # JAX and the kernels release the GIL while they compile or run a program
         self._threads = ThreadPoolExecutor(len(self.groups)) if len(self.groups) > 1 else None
-        self._running: dict[Future[TimedChunk], LaneGroup] = {}
+        self._running: dict[Future[CollectedChunk], LaneGroup] = {}
 
     @property
     def busy(self) -> bool:
@@ -84,24 +78,19 @@ class LaneScheduler:
 
     def open_first_rows(self) -> None:
         """Open the first rows; the programs are compiled."""
-        sizes = [group.size for group in self.groups]
-        group_of = np.repeat(np.arange(len(sizes)), sizes)
-        lanes = np.concatenate([np.zeros(0, np.int64), *(np.arange(size) for size in sizes)])
-        # consecutive rows go to different groups, so that a few rows use all devices
-        order = np.lexsort((group_of, lanes))
-        self._fill(group_of[order], lanes[order])
+        self._fill(self.groups)
         with compiling():
-            outputs = self.advance_all(0)
-        for group, output in outputs:
-            self._collect(group, output)
+            chunks = self.advance_all(0)
+        for group, chunk in chunks:
+            self._collect(group, chunk)
 
-    def advance_all(self, polls: int) -> list[tuple[LaneGroup, ChunkOutput]]:
+    def advance_all(self, polls: int) -> list[tuple[LaneGroup, CollectedChunk]]:
         """Advance all groups that have rows by `polls`, and wait for them."""
         busy = [group for group in self.groups if group.busy]
         if self._threads is None:
-            return [(group, group.chunk(polls).output) for group in busy]
+            return [(group, group.chunk(polls)) for group in busy]
         futures = [self._threads.submit(group.chunk, polls) for group in busy]
-        return [(group, future.result().output) for group, future in zip(busy, futures, strict=True)]
+        return [(group, future.result()) for group, future in zip(busy, futures, strict=True)]
 
     def start(self) -> None:
         """Start all groups; `collect_next` collects their output."""
@@ -118,7 +107,7 @@ class LaneScheduler:
             future = next(future for future in self._running if future.done())
             group = self._running.pop(future)
             chunk = future.result()
-        self._collect(group, chunk.output)
+        self._collect(group, chunk)
         self._continue(group)
         return chunk.began
 
@@ -131,25 +120,26 @@ class LaneScheduler:
 
     def _continue(self, group: LaneGroup) -> None:
         """Fill the free lanes of a group, and start its next chunk in a thread if there are threads."""
-        free = np.flatnonzero(group.block_of == IDLE)
-        self._fill(np.full(free.size, self.groups.index(group)), free)
+        self._fill([group])
         if self._threads is not None and group.busy:
             self._running[self._threads.submit(group.chunk)] = group
 
-    def _fill(self, group_of: Int[np.ndarray, " free"], lanes: Int[np.ndarray, " free"]) -> None:
-        """Put waiting rows into free lanes (n,), each of the group with the number `group_of` (n,)."""
+    def _fill(self, groups: Sequence[LaneGroup]) -> None:
+        """Put waiting rows into free lanes of groups, one row in each group in turn.
+
+        So a few rows use all devices. Lanes that one group has more than another are filled later.
+        """
+        most = min((group.free.size for group in groups), default=0) * len(groups)
         filled = 0
-        while filled < lanes.size or not self.groups:
-            block = self._next_block()
-            if block is None:
-                break
-            rows = block.waiting[block.opened : block.opened + lanes.size - filled]
+        # without groups there are no rows to run, but blocks without missing rows
+        while (filled < most or not groups) and (block := self._next_block()) is not None:
+            rows = block.waiting[block.opened : block.opened + most - filled]
             block.opened += rows.size
-            part = slice(filled, filled + rows.size)
+            for number, group in enumerate(groups):
+                of_group = rows[(number - filled) % len(groups) :: len(groups)]
+                if of_group.size:
+                    group.place(block, of_group)
             filled += rows.size
-            for number in np.flatnonzero(np.bincount(group_of[part])):
-                of_group = group_of[part] == number
-                self.groups[number].place(block, rows[of_group], lanes[part][of_group])
 
     def _next_block(self) -> Block | None:
         """The newest block while it has waiting rows, then the next block."""
@@ -173,61 +163,31 @@ class LaneScheduler:
         """The block with a number."""
         return Block(self.spec, number, self._restored.pop(number, None))
 
-    def _collect(self, group: LaneGroup, output: ChunkOutput) -> None:
-        """Collect the output of a group's chunk."""
-        busy = group.block_of != IDLE
-        is_running = busy & (output.numbers["status"] == Status.running)
-        if self.spec.most_samples is not None:
-            is_running &= output.samples < self.spec.most_samples
-        has_ended = busy & ~is_running
-        self._pass_to_blocks(group, output, is_running, has_ended)
-        self._count_rows(group, output, is_running, has_ended)
-        self._size_chunk(group, output, is_running)
-
-    def _pass_to_blocks(
-        self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask, has_ended: _LaneMask
-    ) -> None:
-        """Pass samples and ended rows to their blocks, and free the lanes of ended rows."""
-        changed = np.flatnonzero(has_ended | (is_running & (output.filled > 0)))
-        number = group.block_of[changed]
-        if np.any(number[1:] < number[:-1]):
-            changed = changed[np.argsort(number, kind="stable")]
-            number = group.block_of[changed]
-        lanes_of_blocks = np.split(changed, np.flatnonzero(number[1:] != number[:-1]) + 1)
-        for lanes in lanes_of_blocks if changed.size else ():
-            block = self.open[int(group.block_of[lanes[0]])]
-            block.collect(output, lanes, group.row_of[lanes], has_ended[lanes])
+    def _collect(self, group: LaneGroup, chunk: CollectedChunk) -> None:
+        """Pass the results of a chunk to its blocks, count its rows, and choose the size of the next one."""
+        group.free = chunk.free
+        for part in chunk.parts:
+            block = self.open[part.number]
+            block.add(part)
             if block.missing == 0:
                 self.complete.append(block.number)
-        group.free(has_ended)
-
-    def _count_rows(
-        self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask, has_ended: _LaneMask
-    ) -> None:
-        """Count the ended rows, and estimate the progress of running ones."""
-        cycles = output.numbers["cycles"]
-        attempts = output.numbers["attempts"]
-        self.done += int(np.count_nonzero(has_ended))
-        self.attempts += int(attempts[has_ended].sum())
-        self.cycles += int(cycles[has_ended].sum())
+        self.done += chunk.ended
+        self.attempts += chunk.attempts
+        self.cycles += chunk.cycles
         # the first rows that end are short ones, so running rows count in the estimate as well
         typical = self.cycles / self.done if self.done else 0.0
-        if is_running.any() and self.done:
-            typical = max(typical, float(np.mean(cycles[is_running])))
-        rows = RunningRows(cycles, output.samples, output.numbers["t_end"])
-        progress = self.spec.recorder.progress(rows, typical)
-        group.progress = float(np.sum(progress[is_running]))
-        group.attempts = int(np.sum(attempts[is_running]))
-
-    def _size_chunk(self, group: LaneGroup, output: ChunkOutput, is_running: _LaneMask) -> None:
-        """Choose the size of the group's next chunk."""
+        cycles = chunk.running.cycles
+        if cycles.size and self.done:
+            typical = max(typical, float(np.mean(cycles)))
+        group.progress = float(np.sum(self.spec.recorder.progress(chunk.running, typical)))
+        group.attempts = int(chunk.running_attempts.sum())
         if self.spec.engine != "kernel":
             group.sizer.choose_for_xla()
             return
         of_ended = self.attempts / self.done if self.done else 0.0
-        of_running = float(np.mean(output.numbers["attempts"][is_running])) if is_running.any() else 0.0
+        of_running = group.attempts / cycles.size if cycles.size else 0.0
         waiting = group.size / group.lanes.at_a_time - 1.0
-        group.sizer.choose(max(of_ended, of_running), int(output.filled.max(initial=0)), waiting)
+        group.sizer.choose(max(of_ended, of_running), chunk.fullest, waiting)
 
     def take(self, number: int) -> Block:
         """A complete block that can be written; it stays open until it is closed."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, final
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Shaped
+from jaxtyping import Array, Float, Int, Real, Shaped
 
 from gaitsweep.contract import Model, Params
 from gaitsweep.engine.carry import Carry, Flag, Integer, select
@@ -59,9 +59,19 @@ class XlaLanes(Lanes):
         self._device = of_jax(device)
         self._programs = _compiled(spec.model, spec.recorder, spec.numerics, spec.drive)
         self._lanes: Any = None  # constants, carry, record and samples of all lanes, once filled
+        self._values: list[dict[str, Real[np.ndarray, "lanes ..."]]] = [{}, {}]
 
-    def fill(self, params: Values, starts: Values, fresh: Bool[np.ndarray, " lanes"]) -> None:
-        opened = self._programs.open(self._columns(params), self._columns(starts))
+    def fill(self, params: Values, starts: Values, lanes: Int[np.ndarray, " opened"]) -> None:
+        for of_lanes, columns in zip(self._values, (params, starts), strict=True):
+            if not of_lanes:  # idle lanes are computed as well, with the values of the first row
+                of_lanes |= {
+                    name: np.repeat(values[:1], self.size, axis=0) for name, values in columns.items()
+                }
+            for name, values in columns.items():
+                of_lanes[name][lanes] = values
+        fresh = np.zeros(self.size, bool)
+        fresh[lanes] = True
+        opened = self._programs.open(*map(self._columns, self._values))
         if self._lanes is None:
             constants, carry, record, samples = opened
             status = self._put(np.where(fresh, Status.running, Status.complete).astype(np.int32))
