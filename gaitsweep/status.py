@@ -48,7 +48,10 @@ class StatusNames(frozenset[str]):
 
             return _known(self, tuple(categories))[pd.Categorical(values).codes]
         statuses = np.asarray(values)
-        if statuses.dtype.kind in "iuf":
+        if statuses.dtype.kind in "iu":
+            # several times as fast as `np.isin`; other numbers are clipped to the ends, which are false
+            return _by_number(self).take(statuses + 1, mode="clip")
+        if statuses.dtype.kind == "f":
             return np.isin(statuses, [Status[name] for name in self])
         if statuses.dtype.kind == "O":  # which may have `pd.NA`, that NumPy cannot compare
             import pandas as pd  # only columns of tables come here
@@ -62,6 +65,12 @@ class StatusNames(frozenset[str]):
 def _known(names: StatusNames, categories: tuple[object, ...]) -> Bool[np.ndarray, " categories"]:
     """Whether each category is one of the names, and false for a missing one, whose code is -1."""
     return np.append(names.among(np.asarray(categories)), False)
+
+
+@functools.cache
+def _by_number(names: StatusNames) -> Bool[np.ndarray, " numbers"]:
+    """Whether the status with the number before each place is one of the names."""
+    return np.isin(np.arange(-1, max(Status) + 2), [Status[name] for name in names])
 
 
 class _StatusesWith:

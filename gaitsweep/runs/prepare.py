@@ -150,7 +150,7 @@ def prepare(job: Job) -> RunContext:
 
 
 def in_memory(context: RunContext) -> RunContext:
-    """Return the context of the same rows for a table in memory: longer blocks, and more lanes on a CPU.
+    """Return the context of the same rows for a table in memory: longer blocks, and more lanes.
 
     More rows are then open at a time; an interrupt loses all rows of such a table anyway. No result depends
     on it.
@@ -158,7 +158,7 @@ def in_memory(context: RunContext) -> RunContext:
     engine, spec = context.job.engine, context.spec
     lanes = spec.lanes
     platform = spec.devices[0].platform
-    if engine.lanes is None and spec.engine == "kernel" and platform == "cpu":
+    if engine.lanes is None and spec.engine == "kernel":
         lanes = max(lanes, default_lanes(spec.engine, spec.n_rows, platform, in_memory=True))
     block = rows_of_a_block(engine.block, spec.n_rows, in_memory=True)
     return dataclasses.replace(

@@ -118,8 +118,9 @@ def _count_statuses(frame: pd.DataFrame) -> dict[str, int]:
     """Return the numbers of rows by status, that of their last record, for records in the order of rows."""
     rows = frame["row"].to_numpy()
     status = pd.Categorical(frame["status"])
-    last_of_row = np.append(rows[:-1] != rows[1:], np.ones(rows[-1:].size, bool))
-    counts = np.bincount(status.codes[last_of_row] + 1)[1:]  # without missing ones
+    ends_row = rows[:-1] != rows[1:]
+    codes = status.codes if ends_row.all() else status.codes[np.append(ends_row, True)]
+    counts = [np.count_nonzero(codes == code) for code in range(len(status.categories))]
     return dict(sorted((str(status.categories[code]), int(counts[code])) for code in np.flatnonzero(counts)))
 
 
@@ -137,7 +138,7 @@ def _check_frame(frame: pd.DataFrame, start: int, stop: int) -> None:
     rows = frame["row"].to_numpy()
     if rows.dtype != np.int64:
         raise ValueError(f"The column row of a part must be int64, not {rows.dtype}.")
-    if rows.size and (rows[0] < start or rows[-1] >= stop or np.any(np.diff(rows) < 0)):
+    if rows.size and (rows[0] < start or rows[-1] >= stop or np.any(rows[1:] < rows[:-1])):
         raise ValueError(f"The rows of a part must be in order, from {start} to {stop - 1}.")
 
 

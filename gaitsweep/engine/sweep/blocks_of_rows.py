@@ -26,7 +26,7 @@ from gaitsweep.row_outcome import RowOutcome
 # memory is lost as a whole anyway, so it has fewer blocks.
 _SMALL_BLOCK = 1024
 _LARGE_BLOCK = 32_768
-_LARGE_IN_MEMORY = 65_536
+_LARGE_IN_MEMORY = 131_072
 _USUAL_BLOCKS = 64
 _USUAL_IN_MEMORY = 16
 _MAX_BLOCKS = 500
@@ -36,7 +36,7 @@ def rows_of_a_block(block: int | Literal["auto"], n_rows: int, *, in_memory: boo
     """Return the number of rows of a block: the chosen one, or 1024 times a power of two.
 
     A table has about 64 blocks, or more (up to 500) to keep each block within 32 768 rows. One in memory,
-    where an interrupt loses all blocks anyway, has about 16, or more to keep each within 65 536 rows.
+    where an interrupt loses all blocks anyway, has about 16, or more to keep each within 131 072 rows.
 
     Args:
         block: the chosen number, or "auto".
@@ -50,10 +50,14 @@ def rows_of_a_block(block: int | Literal["auto"], n_rows: int, *, in_memory: boo
     return _SMALL_BLOCK * 2 ** math.ceil(math.log2(least / _SMALL_BLOCK))
 
 
-def as_slice(places: Int[np.ndarray, " places"]) -> Int[np.ndarray, " places"] | slice:
+# Places in an array: their numbers (n,), or the slice that they are.
+Places = Int[np.ndarray, " places"] | slice
+
+
+def as_slice(places: Int[np.ndarray, " places"]) -> Places:
     """The slice of places (n,) that rise evenly, with which arrays are copied faster; else the places."""
     if not places.size:
-        return slice(0)
+        return slice(0, 0, 1)
     step = int(places[1] - places[0]) if places.size > 1 else 1
     first, last = int(places[0]), int(places[-1])
     if step < 1 or last - first != step * (places.size - 1) or np.any(places[1:] - places[:-1] != step):
@@ -69,7 +73,7 @@ class BlockPart(NamedTuple):
         owner: the row (m,) of each sample in the block.
         samples: the samples (m, width).
         ended: the number n of ended rows.
-        rows: their places in the block, (n,) or a slice.
+        rows: their places in the block.
         numbers: their numbers by name, (n, ...) each.
     """
 
@@ -77,7 +81,7 @@ class BlockPart(NamedTuple):
     owner: Int[np.ndarray, " records"]
     samples: Float[np.ndarray, "records width"]
     ended: int
-    rows: Int[np.ndarray, " ended"] | slice
+    rows: Places
     numbers: dict[str, Num[np.ndarray, "ended ..."]]
 
     @classmethod
@@ -85,9 +89,9 @@ class BlockPart(NamedTuple):
         cls,
         number: int,
         output: ChunkOutput,
-        lanes: Int[np.ndarray, " changed"],
-        rows: Int[np.ndarray, " changed"],
-        ended: Bool[np.ndarray, " changed"],
+        lanes: Places,
+        rows: Places,
+        ended: Bool[np.ndarray, " changed"] | None = None,
     ) -> BlockPart:
         """The part of a chunk's output that belongs to a block, without memory that the next chunk changes.
 
@@ -96,20 +100,30 @@ class BlockPart(NamedTuple):
             output: the output of the chunk.
             lanes: lanes of this block (n,).
             rows: their rows (n,).
-            ended: mask (n,) of the rows that have ended.
+            ended: mask (n,) of the rows that have ended; by default all have.
         """
         filled = output.filled[lanes]
-        most = filled.max(initial=0)
-        owner, samples = rows[:0], np.zeros((0, output.buffers.shape[2]))
+        least, most = (int(filled.min()), int(filled.max())) if filled.size else (0, 0)
+        owner, samples = np.zeros(0, np.int64), np.zeros((0, output.buffers.shape[2]))
         if most > 1:
             place = np.arange(filled.sum()) - np.repeat(np.cumsum(filled) - filled, filled)
-            owner, samples = np.repeat(rows, filled), output.buffers[np.repeat(lanes, filled), place]
-        elif most:
+            owner = np.repeat(_numbers(rows), filled)
+            samples = output.buffers[np.repeat(_numbers(lanes), filled), place]
+        elif most > least:
             sampled = filled == 1
-            owner, samples = rows[sampled], np.array(output.buffers[as_slice(lanes[sampled]), 0])
-        ended_lanes = as_slice(lanes[ended])
-        numbers = with_orbits({name: values[ended_lanes] for name, values in output.numbers.items()})
-        return cls(number, owner, samples, int(np.count_nonzero(ended)), as_slice(rows[ended]), numbers)
+            owner = _numbers(rows)[sampled]
+            samples = output.buffers[_numbers(lanes)[sampled], 0]
+        elif most:
+            owner, samples = _numbers(rows), np.array(output.buffers[lanes, 0])
+        if ended is not None:
+            lanes, rows = as_slice(_numbers(lanes)[ended]), as_slice(_numbers(rows)[ended])
+        numbers = with_orbits({name: values[lanes] for name, values in output.numbers.items()})
+        return cls(number, owner, samples, numbers["status"].size, rows, numbers)
+
+
+def _numbers(places: Places) -> Int[np.ndarray, " places"]:
+    """The numbers of places (n,)."""
+    return np.arange(places.start, places.stop, places.step) if isinstance(places, slice) else places
 
 
 class Block:
@@ -286,7 +300,7 @@ def gait_codes(labels: Real[np.ndarray, " *readings"]) -> Int[np.ndarray, " *rea
     So `NOT_READ` is no gait's code, and a label that is not an index of a gait is recognisable.
     """
     labels = np.clip(np.asarray(labels, np.int64), -(2**31) + 1, 2**31 - 1)
-    return np.where(labels < 0, labels - 1, labels)
+    return labels - (labels < 0)
 
 
 @cached_by_content(maxsize=16)

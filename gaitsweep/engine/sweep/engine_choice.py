@@ -126,9 +126,10 @@ def default_lanes(engine: EngineName, n_rows: int, platform: str, *, in_memory: 
         in_memory: whether the table is in memory, so that rows which are open are lost no more than others.
     """
     if platform != "cpu":
+        # in memory, large groups of lanes keep the host's work for each group small
         fewest = 256
-        most = 131072
-        rows_per_lane = 1.0
+        most = 262_144 if in_memory else 131_072
+        rows_per_lane = 8.0 if in_memory else 1.0
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time
         fewest = 16

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from gaitsweep.engine.recorders.recorder import BUFFER, POLL_INTERVAL, RunningRows
-from gaitsweep.engine.sweep.blocks_of_rows import Block, BlockPart, as_slice
+from gaitsweep.engine.sweep.blocks_of_rows import Block, BlockPart, Places, as_slice
 from gaitsweep.engine.sweep.engine_choice import polls_per_chunk
 from gaitsweep.engine.sweep.lane import ChunkOutput, Lanes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
@@ -108,11 +108,11 @@ IDLE = -1
 
 
 class _Placed(NamedTuple):
-    """Rows (n,) of a block, and their lanes (n,)."""
+    """Rows of a block, and their lanes."""
 
     block: Block
-    rows: Int[np.ndarray, " placed"]
-    lanes: Int[np.ndarray, " placed"]
+    rows: Places
+    lanes: Places
 
 
 class CollectedChunk(NamedTuple):
@@ -163,6 +163,8 @@ class LaneGroup:
             self.sizer.polls = FIRST_POLLS
         self._most_samples = spec.most_samples
         self._fresh: list[_Placed] = []  # rows that the next chunk opens
+        # all rows in the lanes, or None once some of them have ended before others
+        self._together: list[_Placed] | None = []
         self._block_of = np.full(self.size, IDLE)
         self._row_of = np.zeros(self.size, np.int64)
 
@@ -197,16 +199,18 @@ class LaneGroup:
         params: dict[str, list[np.ndarray]] = {}
         starts: dict[str, list[np.ndarray]] = {}
         for block, rows, lanes in fresh:
-            to_lanes, from_rows = as_slice(lanes), as_slice(rows)
-            self._block_of[to_lanes] = block.number
-            self._row_of[to_lanes] = rows
+            placed = _Placed(block, as_slice(rows), as_slice(lanes))
+            if self._together is not None:
+                self._together.append(placed)
+            self._block_of[placed.lanes] = block.number
+            self._row_of[placed.lanes] = rows
             for columns, of_block in ((params, block.params), (starts, block.starts)):
                 for name, values in of_block.items():
-                    columns.setdefault(name, []).append(values[from_rows])
+                    columns.setdefault(name, []).append(values[placed.rows])
         self.lanes.fill(
             {name: _joined(parts) for name, parts in params.items()},
             {name: _joined(parts) for name, parts in starts.items()},
-            _joined([placed.lanes for placed in fresh]),
+            _joined([lanes for _, _, lanes in fresh]),
         )
 
     def _collected(self, output: ChunkOutput, began: float) -> CollectedChunk:
@@ -216,7 +220,13 @@ class LaneGroup:
         if self._most_samples is not None:
             is_running &= output.samples < self._most_samples
         has_ended = is_busy & ~is_running
-        parts = self._parts(output, has_ended | (is_running & (output.filled > 0)), has_ended)
+        goes_on = bool(is_running.any())
+        if goes_on or self._together is None:
+            parts = self._parts(output, has_ended | (is_running & (output.filled > 0)), has_ended)
+        else:  # short rows, whose numbers are moved in slices
+            parts = [BlockPart.of(block.number, output, lanes, rows) for block, rows, lanes in self._together]
+        if has_ended.any():
+            self._together = None if goes_on else []
         self._block_of[has_ended] = IDLE
         cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
         times = output.numbers["t_end"]
@@ -224,9 +234,9 @@ class LaneGroup:
             began,
             np.flatnonzero(self._block_of == IDLE),
             parts,
-            ended=int(np.count_nonzero(has_ended)),
-            cycles=int(cycles[has_ended].sum()),
-            attempts=int(attempts[has_ended].sum()),
+            ended=sum(part.ended for part in parts),
+            cycles=sum(int(part.numbers["cycles"].sum()) for part in parts),
+            attempts=sum(int(part.numbers["attempts"].sum()) for part in parts),
             running=RunningRows(cycles[is_running], output.samples[is_running], times[is_running]),
             running_attempts=attempts[is_running],
             fullest=int(output.filled.max(initial=0)),
