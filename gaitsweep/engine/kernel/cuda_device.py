@@ -46,42 +46,61 @@ def _first_line(error: Exception) -> str:
     return (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
 
 
+class PinnedMemory:
+    """Pinned memory of the host for copies to and from a card, which takes some ms to allocate.
+
+    Args:
+        card: the card.
+        least: the numbers for which there is room at first.
+    """
+
+    def __init__(self, card: CudaDevice, least: int = 0) -> None:
+        self.card = card
+        self.pinned: Any = None
+        self._least = least
+        self._host = np.zeros(0)
+
+    def host(self, size: int, most: int) -> Float[np.ndarray, " numbers"]:
+        """The memory (size,), the same at each call unless it has to grow, up to `most` numbers."""
+        if self._host.size < size:
+            # the next size is often a little larger
+            room = max(self._least, min(most, max(size, 2 * self._host.size)))
+            self.pinned = self.card.allocate_pinned(room)
+            memory = (ctypes.c_double * room).from_address(int(self.pinned.handle))
+            memory.owner = self.pinned  # a view that outlives this object stays valid
+            self._host = np.frombuffer(memory, np.float64)
+        return self._host[:size]
+
+
 class DeviceArray:
     """An array of float64 on a card, and pinned memory of the host for copies to and from its beginning.
 
     Args:
         card: the card.
         shape: of the array, which is not initialised.
+        memory: pinned memory that several arrays use in turn; by default memory of its own.
     """
 
-    def __init__(self, card: CudaDevice, shape: tuple[int, ...]) -> None:
+    def __init__(self, card: CudaDevice, shape: tuple[int, ...], memory: PinnedMemory | None = None) -> None:
         self.card = card
         self.shape = shape
         self.size = int(np.prod(shape))
         self.buffer = card.allocate(self.size)
-        self._pinned: Any = None
-        self._host = np.zeros(0)
+        self._memory = memory or PinnedMemory(card)
 
     def host(self, size: int) -> Float[np.ndarray, " numbers"]:
-        """Pinned memory of the host (size,), the same at each call unless it has to grow."""
-        if self._host.size < size:
-            # the next size is often a little larger
-            room = min(self.size, max(size, 2 * self._host.size))
-            self._pinned = self.card.allocate_pinned(room)
-            memory = (ctypes.c_double * room).from_address(int(self._pinned.handle))
-            memory.owner = self._pinned  # a view that outlives this object stays valid
-            self._host = np.frombuffer(memory, np.float64)
-        return self._host[:size]
+        """Pinned memory of the host (size,)."""
+        return self._memory.host(size, self.size)
 
     def to_card(self, size: int) -> None:
         """Copy the first `size` numbers of `host` to the card."""
-        self.card.copy(self._pinned, self.buffer, size)
+        self.card.copy(self._memory.pinned, self.buffer, size)
 
     def from_card(self, size: int) -> Float[np.ndarray, " numbers"]:
         """The first `size` numbers of the array, a view of `host`."""
         host = self.host(size)
         if size:
-            self.card.copy(self.buffer, self._pinned, size)
+            self.card.copy(self.buffer, self._memory.pinned, size)
             self.card.wait()
         return host
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from gaitsweep.contract import Params
 from gaitsweep.engine.devices import Device
 from gaitsweep.engine.kernel import gpu_program
-from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray
+from gaitsweep.engine.kernel.cuda_device import CudaDevice, DeviceArray, PinnedMemory
 from gaitsweep.engine.kernel.gpu_program import LaneKernels, RunKernel
 from gaitsweep.engine.kernel.lanes import Kernel, KernelLanes
 from gaitsweep.engine.recorders.recorder import BUFFER
@@ -21,6 +21,10 @@ from gaitsweep.engine.stored_traces import dependences
 from gaitsweep.engine.sweep.lane import ChunkOutput, Values
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.status import Status
+
+# Numbers of all lanes of a group on the card (512 MiB), unless they are few: cards of laptops have some GB.
+_MOST_NUMBERS = 2**26
+_FEW_LANES = 65_536
 
 
 # Cached, since each group of lanes, and those of a self-check, would print them again.
@@ -93,13 +97,19 @@ class CudaLanes(KernelLanes):
         self._trajectory = module.get_kernel("trajectory")
         self._uniform = UniformConstants(self._lane_kernels.read, varying_slots(self.kernel, spec.varied))
         n_slots = self._lane_kernels.slots
-        size = self.size
         width = self.kernel.width
+        numbers_of_lane = n_slots + BUFFER * width + len(self._read_slots) + 1 + self._lane_kernels.inputs
+        size = min(self.size, max(_FEW_LANES, _MOST_NUMBERS // numbers_of_lane))
+        self.size = self.at_a_time = size
+        n_output = max(len(self._read_slots) * size, n_slots)
+        n_entries = (1 + self._lane_kernels.inputs) * size
+        # rows are opened before a chunk, whose output is copied before the next ones are opened
+        in_turn = PinnedMemory(self.card, max(n_output, n_entries))
         self._slots = DeviceArray(self.card, (n_slots, size))
         self._samples = DeviceArray(self.card, (BUFFER, size, width))
-        self._output = DeviceArray(self.card, (max(len(self._read_slots) * size, n_slots),))
+        self._output = DeviceArray(self.card, (n_output,), in_turn)
         self._queue = DeviceArray(self.card, (2,))
-        self._entries = DeviceArray(self.card, (1 + self._lane_kernels.inputs, size))
+        self._entries = DeviceArray(self.card, (n_entries // size, size), in_turn)
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()

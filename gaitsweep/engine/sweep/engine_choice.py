@@ -128,7 +128,7 @@ def default_lanes(engine: EngineName, n_rows: int, platform: str, *, in_memory: 
     if platform != "cpu":
         # in memory, large groups of lanes keep the host's work for each group small
         fewest = 256
-        most = 262_144 if in_memory else 131_072
+        most = 524_288 if in_memory else 131_072
         rows_per_lane = 8.0 if in_memory else 1.0
     elif engine == "kernel":
         # many lanes make the host's work between chunks small, few lanes end at the same time

@@ -107,6 +107,9 @@ FIRST_POLLS = 4
 IDLE = -1
 
 
+_Numbers = Int[np.ndarray, " placed"]
+
+
 class _Placed(NamedTuple):
     """Rows of a block, and their lanes."""
 
@@ -162,7 +165,8 @@ class LaneGroup:
         if spec.engine == "xla":
             self.sizer.polls = FIRST_POLLS
         self._most_samples = spec.most_samples
-        self._fresh: list[_Placed] = []  # rows that the next chunk opens
+        # rows that the next chunk opens: their block, their numbers in it, their lanes
+        self._fresh: list[tuple[Block, _Numbers, _Numbers]] = []
         # all rows in the lanes, or None once some of them have ended before others
         self._together: list[_Placed] | None = []
         self._block_of = np.full(self.size, IDLE)
@@ -173,9 +177,9 @@ class LaneGroup:
         """Whether any lane has a row, or one that has ended and that the main loop has not taken yet."""
         return self.free.size < self.size
 
-    def place(self, block: Block, rows: Int[np.ndarray, " placed"]) -> None:
+    def place(self, block: Block, rows: _Numbers) -> None:
         """Put rows (n,) of a block into the first free lanes; the next chunk opens them."""
-        self._fresh.append(_Placed(block, rows, self.free[: rows.size]))
+        self._fresh.append((block, rows, self.free[: rows.size]))
         self.free = self.free[rows.size :]
 
     def chunk(self, polls: int | None = None) -> CollectedChunk:
@@ -219,26 +223,29 @@ class LaneGroup:
         is_running = is_busy & (output.numbers["status"] == Status.running)
         if self._most_samples is not None:
             is_running &= output.samples < self._most_samples
-        has_ended = is_busy & ~is_running
-        goes_on = bool(is_running.any())
-        if goes_on or self._together is None:
+        running = np.flatnonzero(is_running)
+        if running.size or self._together is None:
+            has_ended = is_busy & ~is_running
             parts = self._parts(output, has_ended | (is_running & (output.filled > 0)), has_ended)
+            if running.size and any(part.ended for part in parts):
+                self._together = None
+            self._block_of[has_ended] = IDLE
         else:  # short rows, whose numbers are moved in slices
             parts = [BlockPart.of(block.number, output, lanes, rows) for block, rows, lanes in self._together]
-        if has_ended.any():
-            self._together = None if goes_on else []
-        self._block_of[has_ended] = IDLE
+            self._block_of[:] = IDLE
+        if not running.size:
+            self._together = []
         cycles, attempts = output.numbers["cycles"], output.numbers["attempts"]
         times = output.numbers["t_end"]
         return CollectedChunk(
             began,
-            np.flatnonzero(self._block_of == IDLE),
+            np.flatnonzero(self._block_of == IDLE) if running.size else np.arange(self.size),
             parts,
             ended=sum(part.ended for part in parts),
             cycles=sum(int(part.numbers["cycles"].sum()) for part in parts),
             attempts=sum(int(part.numbers["attempts"].sum()) for part in parts),
-            running=RunningRows(cycles[is_running], output.samples[is_running], times[is_running]),
-            running_attempts=attempts[is_running],
+            running=RunningRows(cycles[running], output.samples[running], times[running]),
+            running_attempts=attempts[running],
             fullest=int(output.filled.max(initial=0)),
         )
 

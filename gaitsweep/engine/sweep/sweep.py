@@ -36,7 +36,7 @@ class BlockWriter:
     # Blocks that may wait, for each GPU.
     MAX_WAITING = 8
     # Threads that label and encode, for each GPU, since that takes as long as the rows do on a GPU.
-    ENCODING = 2
+    ENCODING = 3
 
     def __init__(
         self,
