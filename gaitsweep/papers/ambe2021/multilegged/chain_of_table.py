@@ -212,7 +212,7 @@ def largest_distance(table: pd.DataFrame) -> tuple[float, int] | None:
         return None
     distance = np.asarray(table["distance"], float)
     settled = Status.SOUND.among(table["status"])
-    labelled = ~np.isin(np.asarray(table["gait"], str), ["locked", "none"])
+    labelled = ~table["gait"].isin(["locked", "none"]).to_numpy()
     counts = np.flatnonzero(settled & labelled & (distance <= NONE_BEYOND))
     if not len(counts):
         return None
