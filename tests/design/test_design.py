@@ -59,6 +59,13 @@ def test_slices_equal_the_whole(one: int, other: int) -> None:
         assert all(np.array_equal(some[name], all_rows[name][start:stop]) for name in all_rows)
 
 
+@given(st.lists(st.integers(0, 359), max_size=40), st.booleans())
+def test_any_rows_are_those_of_the_whole(rows: list[int], unique: bool) -> None:
+    chosen = np.array(sorted(set(rows)) if unique else rows, np.int64)
+    whole, some = (EVERY.design.at(those, EVERY.design.names) for those in (np.arange(360), chosen))
+    assert all(np.array_equal(some[name], whole[name][chosen]) for name in whole)
+
+
 def test_a_zip_moves_together() -> None:
     columns = columns_of(toy(vary={"preload": [1, 2], "zip": {"mass": [1, 2, 3], "launch_1": [4, 5, 6]}}))
     assert columns["preload"].tolist() == [1, 1, 1, 2, 2, 2]

@@ -138,11 +138,14 @@ def on_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.slow
-def test_sweeps_thread_by_thread(on_card: Any) -> None:
-    """Crossings of the toy: lanes, blocks and devices change no bit."""
+def test_sweeps_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Crossings of the toy: lanes, blocks, devices, and a card of little memory change no bit."""
     recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}
     one = on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7)
     same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=3, devices=2, block=5))
+    monkeypatch.setattr(cuda_lanes, "_MOST_NUMBERS", 1)
+    monkeypatch.setattr(cuda_lanes, "_FEW_LANES", 1)
+    same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7))
 
 
 def test_a_known_model_is_not_traced_for_a_card(

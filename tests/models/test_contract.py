@@ -68,6 +68,8 @@ def test_each_status_has_one_verdict() -> None:
     of_rows = [Status.settled, Status.fell, Status.cycle_limit]
     for kind in (int, float):  # a kernel's numbers are floats
         np.testing.assert_array_equal(Status.FAILED.among(np.array(of_rows, kind)), [False, True, False])
+    beyond = np.array([-(2**31), -1, len(Status), 2**31 - 1], np.int32)
+    assert not any(names.among(beyond).any() for names in (Status.SOUND, Status.FAILED, Status.UNDECIDED))
     names = pd.Categorical([status.name for status in of_rows])
     np.testing.assert_array_equal(Status.FAILED.among(names), [False, True, False])
     column = pd.Series(pd.Categorical(["fell", None, "settled"]))
