@@ -140,7 +140,8 @@ def rare_falls(
         seed: the parameter that is the seed of the noise.
         steps: steps of a window of enlarged noise; falls in its second half count.
         rounds: rounds of windows with the best factor.
-        scales: factors by which the noise is enlarged, of which the best is chosen.
+        scales: factors by which the noise is enlarged, of which the best is chosen. Those are left out with
+            which the noise is beyond its allowed range.
         level: confidence level of the interval.
 
     Raises:
@@ -148,16 +149,22 @@ def rare_falls(
         AnalysisError: an argument is not allowed, or a step ended neither at a crossing, nor by a fall, nor
             at the limit of time.
     """
-    names = [quantity.name for quantity in mapping.model.parameters]
+    parameters = {quantity.name: quantity for quantity in mapping.model.parameters}
     for name in (noise, seed):
-        if name not in names:
-            near = near_miss.suggestion(name, names)
+        if name not in parameters:
+            near = near_miss.suggestion(name, parameters)
             raise AnalysisError(f"{name} is not a parameter of {mapping.model.name}{near}")
     if steps < 2 or rounds < 2:
         raise AnalysisError(f"steps and rounds are {steps} and {rounds}, but must be 2 or more.")
     if not scales or min(scales) < 1.0:
         raise AnalysisError("scales must be numbers of 1 or more.")
     check_level(level)
+    itself, most = float(mapping.complete(values, 1)[noise][0]), parameters[noise].high
+    scales = [scale for scale in scales if scale * itself <= most]
+    if not scales:
+        raise AnalysisError(
+            f"{noise} is at most {most:g}, which each of the scales exceeds: give smaller ones."
+        )
     walk = _Walk(mapping, values, starts, noise, draws, seed, steps)
     half = 0.5 + 0.5 * level
     pilots: dict[float, _Windows] = {}

@@ -272,7 +272,8 @@ class PoincareMap(FixedPointsOfModel):
             seed: the parameter of the seed; each step has one of its own.
             steps: steps with larger noise before a fall; more than the walker remembers.
             rounds: rounds of 2048 windows.
-            scales: factors on the noise, of which a few rounds choose the one with the smallest error.
+            scales: factors on the noise, of which a few rounds choose the one with the smallest error; those
+                with which it is beyond its allowed range are left out.
             level: confidence level of the interval.
 
         Raises:

@@ -123,6 +123,9 @@ def test_what_rare_falls_cannot_count_is_refused() -> None:
         wheel.rare_falls("rouhness", drawn)
     with pytest.raises(AnalysisError, match="scales"):
         wheel.rare_falls("roughness", drawn, scales=[0.5])
+    bounded = gs.return_map(Pushed(), sigma=0.6)
+    with pytest.raises(AnalysisError, match=r"sigma is at most 1, which each of the scales exceeds"):
+        bounded.rare_falls("sigma", drawn, scales=[2.0, 3.0])
     with pytest.raises(AnalysisError, match="2 or more"):
         wheel.rare_falls("roughness", drawn, steps=1)
     with pytest.raises(AnalysisError, match="level is 95, but must be between 0 and 1"):
@@ -133,7 +136,7 @@ class Pushed(gs.DeclaredModel):
     """x halves in a cycle; then a push draws a number, and |x| > 1 after it is a fall."""
 
     section_coordinates = ("x",)
-    sigma = gs.parameter("1", "noise", 0.22, low=0.0)
+    sigma = gs.parameter("1", "noise", 0.22, low=0.0, high=1.0)
     seed = gs.parameter("1", "seed", 0.0, whole=True)
     clock = gs.variable("1", "clock", observed=False)
     x = gs.variable("1", "state", 0.0)

@@ -54,7 +54,7 @@ def check_gaits(figure: Any, table: PlannedTable) -> Iterator[Refusal]:
 def in_words(table: pd.DataFrame, gait: pd.Series, samples: pd.DataFrame) -> list[str]:
     """The mean speed of a row's samples, and the values of its swept axes, from its entry of `gaits_in`."""
     texts = []
-    if "x" in samples.columns:
+    if "x" in samples.columns and len(samples) > 1:
         t, x = samples["t"].to_numpy(float), samples["x"].to_numpy(float)
         texts.append(f"{(x[-1] - x[0]) / (t[-1] - t[0]):.2f} m/s")
     return texts + [written(table, name, gait[name]) for name in cases_of(gait.to_frame().T, "cycles")]
