@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 
 from gaitsweep.contract import FixedStepDynamics, HybridModel, Model, Params, State
 from gaitsweep.dynamics.ground import is_uneven
@@ -188,9 +189,10 @@ def _adaptive_refusal(name: str, model: HybridModel, precision: Precision) -> st
     if size > MAX_VARIABLES:
         return f"is {name}, for at most {MAX_VARIABLES} variables, but {model.name} has {size}: use tsit5."
     if (lacking := _lacking_derivative(model)) is not None:
+        words = lacking.rstrip(".")
         return (
-            f"is {name}, which takes the flow's derivative, but JAX has none in {model.name} ({lacking}). Use"
-            " tsit5, or write x.at[i].set(f(x[i])) for x.at[i].apply(f)."
+            f"is {name}, which takes the flow's derivative, but JAX has none in {model.name} ({words}). Use"
+            " tsit5, or write x.at[i].set(f(x[i])) for x.at[i].apply(f), and custom_jvp for custom_vjp."
         )
     return None
 
@@ -207,11 +209,13 @@ def _refused_derivative(model: HybridModel) -> str | None:
     def derived(params: Params, state: State) -> Any:
         moving = {name: getattr(state, name) for name in jax.eval_shape(model.flow, params, state)}
         flow = lambda moved: model.flow(params, dataclasses.replace(state, **moved))  # noqa: E731
-        return jax.jvp(flow, (moving,), (moving,))
+        along = lambda tangent: jax.jvp(flow, (moving,), (tangent,))  # noqa: E731
+        # a flow with a `custom_vjp` is refused only under `vmap`, as in a Jacobian
+        return jax.vmap(along)(jax.tree.map(lambda leaf: jnp.expand_dims(leaf, 0), moving))
 
     try:
         jax.eval_shape(derived, *shapes_of(model))
-    except NotImplementedError as error:
+    except (NotImplementedError, TypeError, ValueError) as error:  # those of callbacks and `custom_vjp`
         return str(error)
     return None
 
