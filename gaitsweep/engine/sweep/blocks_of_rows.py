@@ -28,7 +28,7 @@ _SMALL_BLOCK = 1024
 _LARGE_BLOCK = 32_768
 _LARGE_IN_MEMORY = 262_144
 _USUAL_BLOCKS = 64
-_USUAL_IN_MEMORY = 16
+_USUAL_IN_MEMORY = 8
 _MAX_BLOCKS = 500
 
 
@@ -36,7 +36,7 @@ def rows_of_a_block(block: int | Literal["auto"], n_rows: int, *, in_memory: boo
     """Return the number of rows of a block: the chosen one, or 1024 times a power of two.
 
     A table has about 64 blocks, or more (up to 500) to keep each block within 32 768 rows. One in memory,
-    where an interrupt loses all blocks anyway, has about 16, or more to keep each within 262 144 rows.
+    where an interrupt loses all blocks anyway, has about 8, or more to keep each within 262 144 rows.
 
     Args:
         block: the chosen number, or "auto".
