@@ -224,7 +224,8 @@ class FixedPointsOfModel(abc.ABC):
         if parameter not in self._parameters:
             self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
         values = self._parameters[parameter]
-        return column(parameter, values if parameter in self._values else values[:1], len(points))
+        # a formula of parameters with several values has several, too
+        return column(parameter, values if np.ptp(values) > 0.0 else values[:1], len(points))
 
     def _range(self, parameter: str, within: Sequence[float]) -> tuple[float, float]:
         """The lower and the upper end of a range; refuse one that is none, or leaves a parameter's bounds."""

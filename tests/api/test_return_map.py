@@ -222,3 +222,23 @@ def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
         factors = hops.multipliers(found)
     assert np.isnan(factors).all(axis=1).tolist() == [False, True]
     assert np.isnan(hops.multipliers([np.nan, 8.3])).all()
+
+
+class Pulled(gs.MapModel):
+    """x -> x + pull - shift x, at rest in pull / shift."""
+
+    pull = gs.parameter("1", "pull", 1.0)
+    shift = gs.parameter("1", "share of x that is lost", 0.5)
+    x = gs.variable("1", "place", 0.0)
+
+    def image(self, p, s):
+        return {"x": s.x + p.pull - p.shift * s.x}
+
+
+def test_branches_along_a_formula_begin_at_its_value_for_each_point() -> None:
+    """The formula pull = 2 shift has another value for each shift."""
+    mapping = gs.return_map(Pulled(), params={"pull": "2 * shift"}, shift=[0.25, 0.5])
+    points = mapping.fixed_points([[1.9], [2.1]])
+    branches = mapping.continue_(points, "pull", (0.1, 3.0), towards=1).groupby("row").first()
+    np.testing.assert_allclose(branches["pull"], [0.5, 1.0])
+    np.testing.assert_allclose(branches["x"], [2.0, 2.0])
