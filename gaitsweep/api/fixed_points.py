@@ -32,6 +32,7 @@ from gaitsweep.engine.poincare.maps import Map, Points, column
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
 from gaitsweep.errors import ArgumentError, warn
+from gaitsweep.expression import resolve
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
 from gaitsweep.kinds.columns import AT_REST, Column, drifts, gaits, quantities_of
@@ -69,6 +70,7 @@ class FixedPointsOfModel(abc.ABC):
         self._period = period
         self.mapping: Map = self._once.iterated(period)
         self._values = {name: parameters[name] for name in moving if name not in design.derived}
+        self._design = design
         self._parameters = parameters
         self._without_start = tuple(without_start)
         self._starts = {
@@ -326,7 +328,7 @@ class FixedPointsOfModel(abc.ABC):
             if name not in known:
                 near = near_miss.suggestion(name, known)
                 raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        start_values = {**self._starts, **starts}
+        start_values = {**self._starts, **starts, **self._following(starts)}
         missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
@@ -336,6 +338,24 @@ class FixedPointsOfModel(abc.ABC):
             crossings = cycles * self._period
             warn(f"{failed} of {len(points)} starts did not cross the section {crossings} times.")
         return points
+
+    def _following(self, starts: Mapping[str, Any]) -> dict[str, Any]:
+        """The start values whose formulas use some of these `starts`, and are not among them."""
+        design = self._design
+        formulas = {
+            name: formula
+            for name in design.order
+            if name in self._starts and isinstance(formula := design.settings.get(name), str)
+            if name not in starts and not design.closure([name]).isdisjoint(starts)
+        }
+        if not formulas:
+            return {}
+        parameters = {name: v if np.ptp(v) > 0.0 else v[:1] for name, v in self._parameters.items()}
+        known = {**parameters, **self._starts, **starts}
+        n = max(map(np.size, known.values()))
+        columns = {name: column(name, value, n) for name, value in known.items() if name not in formulas}
+        resolved = resolve(formulas, {**design.sizes, **columns})
+        return {name: resolved[name] for name in formulas}
 
 
 def _is_number(value: Any) -> bool:
