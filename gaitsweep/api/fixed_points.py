@@ -32,11 +32,10 @@ from gaitsweep.engine.poincare.maps import Map, Points, column
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap, linearised_flow
 from gaitsweep.errors import ArgumentError, warn
-from gaitsweep.expression import resolve
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
 from gaitsweep.kinds.columns import AT_REST, Column, drifts, gaits, quantities_of
-from gaitsweep.kinds.fixed_points import gait_numbers
+from gaitsweep.kinds.fixed_points import gait_numbers, starts_with
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
 SectionPoints = Points | FixedPoints | Mapping[str, Any]
@@ -328,34 +327,17 @@ class FixedPointsOfModel(abc.ABC):
             if name not in known:
                 near = near_miss.suggestion(name, known)
                 raise ArgumentError(f"{name} is not a start value of {self.model.name}{near}")
-        start_values = {**self._starts, **starts, **self._following(starts)}
+        start_values = {**self._starts, **starts}
         missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
+        start_values = starts_with(self._once, self._design, starts, start_values, self._values)
         points, halts = self._once.settled(start_values, self._values, cycles * self._period)
         failed = int(np.count_nonzero(halts))
         if failed:
             crossings = cycles * self._period
             warn(f"{failed} of {len(points)} starts did not cross the section {crossings} times.")
         return points
-
-    def _following(self, starts: Mapping[str, Any]) -> dict[str, Any]:
-        """The start values whose formulas use some of these `starts`, and are not among them."""
-        design = self._design
-        formulas = {
-            name: formula
-            for name in design.order
-            if name in self._starts and isinstance(formula := design.settings.get(name), str)
-            if name not in starts and not design.closure([name]).isdisjoint(starts)
-        }
-        if not formulas:
-            return {}
-        parameters = {name: v if np.ptp(v) > 0.0 else v[:1] for name, v in self._parameters.items()}
-        known = {**parameters, **self._starts, **starts}
-        n = max(map(np.size, known.values()))
-        columns = {name: column(name, value, n) for name, value in known.items() if name not in formulas}
-        resolved = resolve(formulas, {**design.sizes, **columns})
-        return {name: resolved[name] for name in formulas}
 
 
 def _is_number(value: Any) -> bool:

@@ -249,6 +249,8 @@ def test_starts_follow_the_given_ones_by_their_formulas() -> None:
     mapping = gs.return_map(TwoPlaces(), start={"z_0": "y_0 - shift"}, shift=[0.25, 0.5])
     np.testing.assert_allclose(mapping.settled({"x_0": 3.0}, 0).at, [[3.0, 6.0, 5.75], [3.0, 6.0, 5.5]])
     np.testing.assert_allclose(mapping.settled({"y_0": [7.0, 8.0]}, 0).at[:, 2], [6.75, 7.5])
+    with pytest.raises(gs.ArgumentError, match="has 2 values, but there are 3 points"):
+        mapping.settled({"y_0": [7.0, 8.0, 9.0]}, 0)
 
 
 class TwoPlaces(gs.MapModel):

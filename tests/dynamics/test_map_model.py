@@ -209,3 +209,25 @@ def test_no_step_is_refined() -> None:
     table = gs.sweep(Logistic(), r=[2.8, 3.2], verify=2).table
     assert set(table["status"]) == {Status.settled.name}
     assert table.attrs["manifest"]["self_check"]["verdict"] == "off"
+
+
+class TwoWells(gs.MapModel):
+    """Wells at -1 and 1, in which y begins in units of `unit` at the place of x."""
+
+    unit = gs.parameter("1", "sign of y at the start", -1.0)
+    x = gs.variable("1", "place that decays", 0.3)
+    y = gs.variable("1", "place that falls into a well", "unit * x_0", observed=True)
+
+    def image(self, p, s):
+        return {"x": 0.5 * s.x, "y": s.y + 0.25 * (s.y - s.y**3)}
+
+
+@pytest.mark.slow
+def test_drawn_starts_of_an_atlas_move_the_starts_that_follow_them() -> None:
+    """The formula has the drawn start, and the value of the parameter at which gaits are searched."""
+    atlas = gs.atlas(
+        TwoWells(), parameter="unit", path=(-1.0, 1.0), at=1.0, ranges={"x_0": (0.1, 1.4)}, batch=8, budget=8
+    )
+    gaits = atlas.table[atlas.table["found"] >= 0].groupby("y_n")["reached"].first()
+    np.testing.assert_allclose(gaits.loc[gaits > 0.0].to_numpy(), [1.0])
+    np.testing.assert_allclose(gaits.loc[gaits > 0.0].index, [1.0])
