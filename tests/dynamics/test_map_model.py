@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.claims.measures import defaults
+from gaitsweep.dynamics.mjx import against_c
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
 from gaitsweep.models.conformity import fault
+from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.status import Status
 
 
@@ -231,3 +234,28 @@ def test_drawn_starts_of_an_atlas_move_the_starts_that_follow_them() -> None:
     gaits = atlas.table[atlas.table["found"] >= 0].groupby("y_n")["reached"].first()
     np.testing.assert_allclose(gaits.loc[gaits > 0.0].to_numpy(), [1.0])
     np.testing.assert_allclose(gaits.loc[gaits > 0.0].index, [1.0])
+
+
+class LaterFirst(gs.MapModel):
+    """Formulas of quantities that are declared later."""
+
+    a = gs.parameter("1", "twice c", "2 * c")
+    c = gs.parameter("1", "twice b", "2 * b")
+    b = gs.parameter("1", "number", 0.5)
+    x = gs.variable("1", "place", "y_0 + a")
+    y = gs.variable("1", "other place", "2 * z_0")
+    z = gs.variable("1", "third place", 3.0)
+
+    def image(self, p, s):
+        return {"x": p.a * s.x, "y": s.y, "z": s.z}
+
+
+def test_defaults_may_use_quantities_that_are_declared_later() -> None:
+    """As `check-model`, claims and the comparison of an MJCF with MuJoCo C read them."""
+    parameters, starts = sampled_points(LaterFirst(), 3)
+    np.testing.assert_allclose(parameters["a"], 4.0 * parameters["b"])
+    np.testing.assert_allclose(starts["x_0"], starts["y_0"] + parameters["a"])
+    assert defaults(LaterFirst().parameters) == {"a": 2.0, "c": 1.0, "b": 0.5}
+    values = against_c._defaults(LaterFirst().parameters, {})
+    of_starts = against_c._defaults(LaterFirst().initial_conditions, values)
+    assert of_starts == {"x_0": 8.0, "y_0": 6.0, "z_0": 3.0}
