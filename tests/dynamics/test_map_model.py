@@ -12,6 +12,7 @@ import pytest
 import gaitsweep as gs
 from gaitsweep.claims.measures import defaults
 from gaitsweep.dynamics.mjx import against_c
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
 from gaitsweep.models.conformity import fault
@@ -251,7 +252,7 @@ class LaterFirst(gs.MapModel):
 
 
 def test_defaults_may_use_quantities_that_are_declared_later() -> None:
-    """As `check-model`, claims and the comparison of an MJCF with MuJoCo C read them."""
+    """As `check-model`, claims, the comparison of an MJCF with MuJoCo C and return maps read them."""
     parameters, starts = sampled_points(LaterFirst(), 3)
     np.testing.assert_allclose(parameters["a"], 4.0 * parameters["b"])
     np.testing.assert_allclose(starts["x_0"], starts["y_0"] + parameters["a"])
@@ -259,3 +260,6 @@ def test_defaults_may_use_quantities_that_are_declared_later() -> None:
     values = against_c._defaults(LaterFirst().parameters, {})
     of_starts = against_c._defaults(LaterFirst().initial_conditions, values)
     assert of_starts == {"x_0": 8.0, "y_0": 6.0, "z_0": 3.0}
+    mapping = BatchedReturnMap(LaterFirst())
+    points, _ = mapping.settled({"z_0": np.array([3.0, 4.0])}, {"b": np.array([0.5, 1.0])}, 0)
+    np.testing.assert_allclose(points.at, [[8.0, 6.0, 3.0], [12.0, 8.0, 4.0]])
