@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import graphlib
 import math
 import operator
 import re
@@ -148,6 +149,15 @@ def resolve(
         undecided = isinstance(setting, float) and math.isnan(setting)
         known[name] = math.nan if undecided else evaluate(setting, known, functions)
     return known
+
+
+def in_order(settings: Mapping[str, str | float]) -> dict[str, str | float]:
+    """`settings` in an order in which `resolve` can evaluate them; as they are where none is possible."""
+    uses = {name: sorted(names_used(setting) & settings.keys()) for name, setting in settings.items()}
+    try:
+        return {name: settings[name] for name in graphlib.TopologicalSorter(uses).static_order()}
+    except graphlib.CycleError:
+        return dict(settings)
 
 
 @functools.lru_cache(maxsize=1024)

@@ -35,7 +35,7 @@ from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
 from gaitsweep.kinds import ReturnMap
 from gaitsweep.kinds.columns import AT_REST, Column, drifts, gaits, quantities_of
-from gaitsweep.kinds.fixed_points import gait_numbers
+from gaitsweep.kinds.fixed_points import gait_numbers, starts_with
 
 # Points of the section: their coordinates, start values by name, or what these methods return.
 SectionPoints = Points | FixedPoints | Mapping[str, Any]
@@ -69,6 +69,7 @@ class FixedPointsOfModel(abc.ABC):
         self._period = period
         self.mapping: Map = self._once.iterated(period)
         self._values = {name: parameters[name] for name in moving if name not in design.derived}
+        self._design = design
         self._parameters = parameters
         self._without_start = tuple(without_start)
         self._starts = {
@@ -224,7 +225,8 @@ class FixedPointsOfModel(abc.ABC):
         if parameter not in self._parameters:
             self.mapping.complete({parameter: 0.0}, 1)  # refuses names that the model does not have
         values = self._parameters[parameter]
-        return column(parameter, values if parameter in self._values else values[:1], len(points))
+        # a formula of parameters with several values has several, too
+        return column(parameter, values if np.ptp(values) > 0.0 else values[:1], len(points))
 
     def _range(self, parameter: str, within: Sequence[float]) -> tuple[float, float]:
         """The lower and the upper end of a range; refuse one that is none, or leaves a parameter's bounds."""
@@ -329,6 +331,7 @@ class FixedPointsOfModel(abc.ABC):
         missing = [name for name in self._without_start if name not in start_values]
         if missing:
             raise ArgumentError(f"{missing[0]} of {self.model.name} has no default: give this start value.")
+        start_values = starts_with(self._once, self._design, starts, start_values, self._values)
         points, halts = self._once.settled(start_values, self._values, cycles * self._period)
         failed = int(np.count_nonzero(halts))
         if failed:

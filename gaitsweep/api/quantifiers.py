@@ -60,7 +60,8 @@ def quantifiers(
           basin stability (Schultz, Menck, Heitzig and Kurths 2017, New J. Phys. 19:023005).
         - time_mean, time_median, time_tail, time_most (s): times after which starts have settled: their mean,
           median, the time that 5 % exceed, and the longest. They include the crossings that the test of
-          settling needs. Chaotic and quasi-periodic rows have none, since they run to their limit.
+          settling needs. Chaotic and quasi-periodic rows have none, since they run to their limit, nor has an
+          attractor with inferred rows.
         - resilience (1/s): the rate at which small deviations decay, -lyapunov_1 in the mean (Pimm 1984,
           Nature 307:321). It needs `exponents` in the run.
         - least_shock: the distance from the attractor's crossings to the nearest start with another outcome,
@@ -83,8 +84,8 @@ def quantifiers(
           rest, chaos, and gaits with neutral or growing deviations.
 
     Raises:
-        AnalysisError: the table lacks a column, an argument is not allowed, or the return map of the
-            table's model has no derivative.
+        AnalysisError: the table lacks a column, an argument is not allowed, its inferred rows lack the state
+            or the time that is asked for, or the return map of the table's model has no derivative.
         ArgumentError: `amplification` is asked for, and the table is joined of several.
         JobError: the table's model is not found.
 

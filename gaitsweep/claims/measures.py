@@ -16,7 +16,7 @@ from gaitsweep.analysis.records import AnalysisError, require
 from gaitsweep.angles import in_nearest_turn, is_circular
 from gaitsweep.contract import Quantity
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import fulfilled, read_condition, resolve
+from gaitsweep.expression import fulfilled, in_order, read_condition, resolve
 from gaitsweep.near_miss import suggestion
 
 # Selects the records of a table; a claim's is checked when its list is read.
@@ -196,7 +196,7 @@ def default_values(*, model: str, names: Sequence[str]) -> list[float]:
 def defaults(parameters: Iterable[Quantity]) -> dict[str, float]:
     """The default values of parameters, with formulas evaluated."""
     written: dict[str, Any] = {quantity.name: quantity.default for quantity in parameters}
-    return resolve(written, {})
+    return resolve(in_order(written), {})
 
 
 def records(table: pd.DataFrame, where: str | None, *, may_be_empty: bool = False) -> pd.DataFrame:

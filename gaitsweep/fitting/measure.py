@@ -14,6 +14,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from gaitsweep import near_miss
 from gaitsweep.angles import TURN
+from gaitsweep.column_meanings import COLUMNS
 from gaitsweep.contract import Model, Quantity, names_gait
 from gaitsweep.expression import ExpressionError, evaluate, functions_of, names_used, terms_of
 from gaitsweep.kinds import FixedTime, Settle
@@ -27,7 +28,7 @@ MOST_CONDITIONS = 10_000  # rows of one measure
 FieldError = tuple[str, str] | None
 
 # Columns of names, and the row's number, which have no mean.
-_NOT_NUMERIC = ("row", "status", "stalled_by", "slowest")
+_NOT_NUMERIC = {"row", *(name for name, (unit, _) in COLUMNS.items() if not unit)}
 
 
 def _read_conditions(value: Any) -> dict[str, tuple[float, ...]]:

@@ -27,6 +27,7 @@ from gaitsweep.kinds.fixed_points import (
     FollowsFixedPoints,
     MappedRows,
     bifurcations_found,
+    starts_with,
     unknowns,
 )
 from gaitsweep.kinds.run_kind import BlockProgress, Cost, Movement
@@ -241,7 +242,9 @@ class Atlas(FollowsFixedPoints):
         sizes |= {quantity.name: MIN_SCALE for quantity in coordinates if quantity.circular}
         least = np.array([min(MIN_SCALE, sizes.get(quantity.name, MIN_SCALE)) for quantity in coordinates])
         mapped = dataclasses.replace(mapped, mapping=dataclasses.replace(mapped.mapping, least=least))
-        return mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
+        mapped = mapped.with_values(**{self.parameter: np.full(len(mapped.numbers), self.place)})
+        starts = starts_with(mapped.mapping, mapped.design, [self.parameter], mapped.starts, mapped.values)
+        return dataclasses.replace(mapped, starts=starts)
 
     def block_table(
         self, rows: Design, spec: SweepSpec, first: int, last: int, on_progress: BlockProgress

@@ -21,7 +21,7 @@ from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.poincare_return import ReturnStatus
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
-from gaitsweep.kinds.fixed_points import MappedRows
+from gaitsweep.kinds.fixed_points import MappedRows, starts_with
 from gaitsweep.kinds.run_kind import BlockProgress
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class DrawnStarts:
         names = [quantity.name for quantity in mapping.model.initial_conditions]
         drawn_starts = {name: column for name, column in columns.items() if name in names}
         starts = {name: np.asarray(column)[row_of_start] for name, column in self.mapped.starts.items()}
-        starts |= drawn_starts
+        starts = starts_with(mapping, self.mapped.design, drawn_starts, {**starts, **drawn_starts}, values)
         if cycles and len(drawn_starts) == len(columns):
             points, status = mapping.settled(starts, values, cycles)
             crossed = (status == ReturnStatus.crossed)[:, None]

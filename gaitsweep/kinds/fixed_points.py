@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -22,6 +22,7 @@ from gaitsweep.analysis.continuation.stable_ranges import MARKS
 from gaitsweep.contract import Model, Quantity
 from gaitsweep.design import Design
 from gaitsweep.engine.poincare.maps import Points, Values
+from gaitsweep.engine.poincare.maps import column as column_of
 from gaitsweep.engine.poincare.model_map import ModelMap
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.engine.poincare.stationary_map import StationaryMap
@@ -29,7 +30,7 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.sweep.blocks_of_rows import gait_codes
 from gaitsweep.engine.sweep.sweep_spec import SweepSpec
 from gaitsweep.errors import ArgumentError, JobError
-from gaitsweep.expression import ExpressionError
+from gaitsweep.expression import ExpressionError, resolve
 from gaitsweep.kinds.columns import AT_REST, STATUSES, Column, drifts, gaits
 from gaitsweep.kinds.run_kind import (
     BlockProgress,
@@ -55,12 +56,14 @@ class MappedRows:
         values: its parameters, (n,) by name.
         starts: the start values, (n,) by name.
         numbers: the rows of the job, (n,).
+        design: the rows of the job.
     """
 
     mapping: ModelMap
     values: dict[str, Any]
     starts: Values
     numbers: Int[np.ndarray, " rows"]
+    design: Design
 
     def settled(self, cycles: int) -> Points:
         """The points (n,) of the rows after so many cycles."""
@@ -74,6 +77,37 @@ class MappedRows:
         """The rows without the values of these parameters."""
         others = {name: column for name, column in self.values.items() if name not in names}
         return dataclasses.replace(self, values=others)
+
+
+def starts_with(
+    mapping: ModelMap, design: Design, given: Collection[str], starts: Values, values: Values
+) -> dict[str, Any]:
+    """Return starts with those evaluated anew whose formulas use some of the `given` quantities.
+
+    Args:
+        mapping: a map of the model's states.
+        design: the rows of its job, which has the formulas.
+        given: names of parameters and starts; the formula of a given start is not evaluated.
+        starts: all starts by name, numbers or (n,).
+        values: parameters of the map by name, numbers or (n,).
+
+    Raises:
+        ArgumentError: columns have different lengths.
+    """
+    formulas = {
+        name: formula
+        for name in design.order
+        if name in starts and name not in given and isinstance(formula := design.settings.get(name), str)
+        if not design.closure([name]).isdisjoint(given)
+    }
+    if not formulas:
+        return dict(starts)
+    known = {**mapping.resolved(values), **starts}
+    used = [name for name in design.closure(formulas) if name in known and name not in formulas]
+    n = max([np.size(known[name]) for name in used], default=1)
+    columns = {name: column_of(name, known[name], n) for name in used}
+    evaluated = resolve(formulas, {**design.sizes, **columns})
+    return {**starts, **{name: evaluated[name] for name in formulas}}
 
 
 class FollowsFixedPoints(TableRunKind):
@@ -225,7 +259,7 @@ class FollowsFixedPoints(TableRunKind):
             mapping = StationaryMap(rows.model, settings, tuple(self.without))
         else:
             mapping = BatchedReturnMap(rows.model, settings, spec.numerics, spec.engine)
-        return MappedRows(mapping, values, starts, numbers)
+        return MappedRows(mapping, values, starts, numbers, rows)
 
     def _parameters(
         self, rows: Design, numbers: Int[np.ndarray, " sampled"]

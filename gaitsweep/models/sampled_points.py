@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaitsweep.contract import Model, Quantity
-from gaitsweep.expression import resolve
+from gaitsweep.expression import in_order, resolve
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -48,7 +48,7 @@ def sampled_points(model: Model, n: int) -> tuple[Columns, Columns]:
             for q in quantities
             if q.name not in formulas
         }
-        resolved = resolve(formulas, {**numbers_before, **numbers})
+        resolved = resolve(in_order(formulas), {**numbers_before, **numbers})
         return {q.name: np.broadcast_to(np.asarray(resolved[q.name], float), (n,)) for q in quantities}
 
     parameters = drawn(model.parameters, sizes, is_start=False)

@@ -142,10 +142,12 @@ class RowMotion:
         Raises:
             PlotError: the model has no such signal for a limb.
         """
-        names = [f"contact_{i + 1}" for i in range(limbs)]
-        for name in names:
-            if name not in self.signals:
-                raise PlotError(f"{self.model.name} has no signal {name}, which would show ground contact.")
+        names = contact_signals(self.signals)[:limbs]
+        if len(names) < limbs:
+            raise PlotError(
+                f"{self.model.name} has {limbs} limbs, but {len(names)} of the signals contact_1, contact_2, "
+                "..., which show ground contact."
+            )
         return np.array([self.signals[name] for name in names]).reshape(limbs, len(self.t)).T
 
 

@@ -239,6 +239,15 @@ def test_a_pitchfork_on_two_branches_is_listed_once_in_any_unit(unit: float) -> 
     np.testing.assert_allclose(points["r"], np.array([0.4, 0.7]) * unit)
 
 
+def test_a_crossing_of_two_branches_is_listed_once() -> None:
+    """Both branches have its record; another place at the same value is another one."""
+    table = pd.DataFrame({"r": [0.0, 0.4, 0.4 + 1e-13, 0.4, 1.0]})
+    table["special"] = ["", "transcritical", "transcritical", "transcritical", ""]
+    table["stored_point"] = ["[[0.0]]", "[[1.0]]", "[[1.0000000001]]", "[[-1.0]]", "[[2.0]]"]
+    points = atlas_tables(table.assign(row=0, part="branch", found=-1, end=""), "r")["points"]
+    assert points["stored_point"].tolist() == ["[[1.0]]", "[[-1.0]]"]
+
+
 def test_a_branch_ends_where_it_becomes_its_image() -> None:
     """From x = sqrt r the branch turns at the pitchfork and goes on as x = -sqrt r, its image."""
     search = searched(ODD, {"r": 0.5}, [-1.2], [1.2], 1, 32)

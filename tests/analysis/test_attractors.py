@@ -389,3 +389,15 @@ def test_attractors_are_followed_in_a_table_whose_index_repeats() -> None:
     twice = follow_attractors(pd.concat([table, table]), "f", link=0.5)
     assert twice.column.tolist() == expected * 2
     assert twice.column.index.tolist() == [0, 1, 2, 3] * 2
+
+
+def test_observables_without_a_tolerance_of_their_own_have_the_default_one() -> None:
+    """Rows that settled at 1e-3 are no line of states because the other observable has 1e-9."""
+    states = np.column_stack([np.ones(40), 1.0 + 1e-3 * np.linspace(0.0, 1.0, 40)])
+    table = settled(states)
+    table.attrs["job"] = {"run": {"tolerance": {"psi_1": 1e-9}}}
+    grouped = attractors(table)
+    assert grouped.grain == pytest.approx(1e-2)
+    assert grouped.summary["kind"].tolist() == ["point"]
+    table.attrs["job"] = {"run": {"tolerance": {"psi_1": 1e-9, "psi_2": 1e-8}}}
+    assert attractors(table).grain == pytest.approx(1e-7)

@@ -296,3 +296,20 @@ def test_figure_of_branches() -> None:
     assert {"walk", "trot"} <= {text.get_text() for text in figure.legends[0].get_texts()}
     shown = {to_hex(line.get_color()) for line in figure.axes[0].get_lines() if line.get_marker() == "None"}
     assert len(shown - {beneath[0]}) == 2
+
+
+def turned(values: Values, x: Array) -> Array:
+    """An angle driven from an unstable fixed point to the stable one opposite, the faster the larger k."""
+    middle = 0.5 * jnp.sin(values["k"])
+    half = 0.5 * (x - middle)
+    return middle + 2.0 * jnp.arctan2(jnp.exp(values["k"]) * jnp.sin(half), jnp.cos(half))
+
+
+@pytest.mark.slow
+def test_a_step_does_not_lead_from_an_unstable_branch_to_another() -> None:
+    """With multipliers up to exp(9) Newton's method may converge to the other fixed point."""
+    mapping = PlainMap(turned, ("x",), (("k", 1.0),), angles=("x",))
+    start = mapping.points([[0.5 * np.sin(1.0)]])
+    branch = continuation(mapping, start, {}, parameter="k", within=(1.0, 9.0))
+    np.testing.assert_allclose(branch["x"], 0.5 * np.sin(branch["k"]), atol=1e-8)
+    assert branch["k"].iloc[-1] == 9.0

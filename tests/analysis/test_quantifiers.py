@@ -211,3 +211,20 @@ def test_rows_that_did_not_settle_have_no_outcome() -> None:
     assert np.isnan(quantified["least_shock"].to_numpy(float)).all()  # no state at the end is known
     with pytest.raises(AnalysisError, match="withn is an option of the search for attractors"):
         gs.quantifiers(table, "k", label="gait", withn=2.0)
+
+
+def test_inferred_rows_have_no_attractor_and_no_time(table: Any) -> None:
+    gaits = table.assign(gait=np.where(table["x_end"] < 0.0, "left", "right"))
+    gaits.attrs = table.attrs
+    inferred = (gaits["x_0"] < -1.0) & (gaits["edge"] == 0.11)
+    gaits.loc[inferred, "status"] = "inferred"
+    gaits.loc[inferred, ["t_end", "x_end"]] = np.nan
+    with pytest.raises(AnalysisError, match="no state that identifies an attractor"):
+        gs.quantifiers(gaits, "edge")
+    with pytest.raises(AnalysisError, match="inferred rows, which have no time"):
+        gs.quantifiers(gaits, "edge", label="gait", within=20.0)
+    with pytest.raises(gs.plot.PlotError, match="no state that identifies an attractor"):
+        gs.plot.basin_measures(gaits, hue="attractor", panels="edge")
+    quantified = gs.quantifiers(gaits, "edge", label="gait").set_index(["edge", "gait"])
+    np.testing.assert_allclose(quantified.loc[(0.11, "left"), "fraction"], np.mean(STARTS < 0.11))
+    assert quantified["time_mean"].isna().tolist() == [True, False, False, False]

@@ -222,3 +222,44 @@ def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
         factors = hops.multipliers(found)
     assert np.isnan(factors).all(axis=1).tolist() == [False, True]
     assert np.isnan(hops.multipliers([np.nan, 8.3])).all()
+
+
+class Pulled(gs.MapModel):
+    """x -> x + pull - shift x, at rest in pull / shift."""
+
+    pull = gs.parameter("1", "pull", 1.0)
+    shift = gs.parameter("1", "share of x that is lost", 0.5)
+    x = gs.variable("1", "place", 0.0)
+
+    def image(self, p, s):
+        return {"x": s.x + p.pull - p.shift * s.x}
+
+
+def test_branches_along_a_formula_begin_at_its_value_for_each_point() -> None:
+    """The formula pull = 2 shift has another value for each shift."""
+    mapping = gs.return_map(Pulled(), params={"pull": "2 * shift"}, shift=[0.25, 0.5])
+    points = mapping.fixed_points([[1.9], [2.1]])
+    branches = mapping.continue_(points, "pull", (0.1, 3.0), towards=1).groupby("row").first()
+    np.testing.assert_allclose(branches["pull"], [0.5, 1.0])
+    np.testing.assert_allclose(branches["x"], [2.0, 2.0])
+
+
+def test_starts_follow_the_given_ones_by_their_formulas() -> None:
+    """As in a sweep; a formula of a given start is not evaluated."""
+    mapping = gs.return_map(TwoPlaces(), start={"z_0": "y_0 - shift"}, shift=[0.25, 0.5])
+    np.testing.assert_allclose(mapping.settled({"x_0": 3.0}, 0).at, [[3.0, 6.0, 5.75], [3.0, 6.0, 5.5]])
+    np.testing.assert_allclose(mapping.settled({"y_0": [7.0, 8.0]}, 0).at[:, 2], [6.75, 7.5])
+    with pytest.raises(gs.ArgumentError, match="has 2 values, but there are 3 points"):
+        mapping.settled({"y_0": [7.0, 8.0, 9.0]}, 0)
+
+
+class TwoPlaces(gs.MapModel):
+    """Three places, of which the second begins at twice the first."""
+
+    shift = gs.parameter("1", "share that is lost", 0.5)
+    x = gs.variable("1", "first place", 1.0)
+    y = gs.variable("1", "second place", "2 * x_0")
+    z = gs.variable("1", "third place", 0.0)
+
+    def image(self, p, s):
+        return {"x": s.x - p.shift * s.x, "y": s.y, "z": s.z}

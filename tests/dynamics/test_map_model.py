@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 import gaitsweep as gs
+from gaitsweep.claims.measures import defaults
+from gaitsweep.dynamics.mjx import against_c
+from gaitsweep.engine.poincare.return_map import BatchedReturnMap
 from gaitsweep.examples.duffing import Duffing
 from gaitsweep.examples.henon import Henon
 from gaitsweep.models.conformity import fault
+from gaitsweep.models.sampled_points import sampled_points
 from gaitsweep.status import Status
 
 
@@ -209,3 +213,53 @@ def test_no_step_is_refined() -> None:
     table = gs.sweep(Logistic(), r=[2.8, 3.2], verify=2).table
     assert set(table["status"]) == {Status.settled.name}
     assert table.attrs["manifest"]["self_check"]["verdict"] == "off"
+
+
+class TwoWells(gs.MapModel):
+    """Wells at -1 and 1, in which y begins in units of `unit` at the place of x."""
+
+    unit = gs.parameter("1", "sign of y at the start", -1.0)
+    x = gs.variable("1", "place that decays", 0.3)
+    y = gs.variable("1", "place that falls into a well", "unit * x_0", observed=True)
+
+    def image(self, p, s):
+        return {"x": 0.5 * s.x, "y": s.y + 0.25 * (s.y - s.y**3)}
+
+
+@pytest.mark.slow
+def test_drawn_starts_of_an_atlas_move_the_starts_that_follow_them() -> None:
+    """The formula has the drawn start, and the value of the parameter at which gaits are searched."""
+    atlas = gs.atlas(
+        TwoWells(), parameter="unit", path=(-1.0, 1.0), at=1.0, ranges={"x_0": (0.1, 1.4)}, batch=8, budget=8
+    )
+    gaits = atlas.table[atlas.table["found"] >= 0].groupby("y_n")["reached"].first()
+    np.testing.assert_allclose(gaits.loc[gaits > 0.0].to_numpy(), [1.0])
+    np.testing.assert_allclose(gaits.loc[gaits > 0.0].index, [1.0])
+
+
+class LaterFirst(gs.MapModel):
+    """Formulas of quantities that are declared later."""
+
+    a = gs.parameter("1", "twice c", "2 * c")
+    c = gs.parameter("1", "twice b", "2 * b")
+    b = gs.parameter("1", "number", 0.5)
+    x = gs.variable("1", "place", "y_0 + a")
+    y = gs.variable("1", "other place", "2 * z_0")
+    z = gs.variable("1", "third place", 3.0)
+
+    def image(self, p, s):
+        return {"x": p.a * s.x, "y": s.y, "z": s.z}
+
+
+def test_defaults_may_use_quantities_that_are_declared_later() -> None:
+    """As `check-model`, claims, the comparison of an MJCF with MuJoCo C and return maps read them."""
+    parameters, starts = sampled_points(LaterFirst(), 3)
+    np.testing.assert_allclose(parameters["a"], 4.0 * parameters["b"])
+    np.testing.assert_allclose(starts["x_0"], starts["y_0"] + parameters["a"])
+    assert defaults(LaterFirst().parameters) == {"a": 2.0, "c": 1.0, "b": 0.5}
+    values = against_c._defaults(LaterFirst().parameters, {})
+    of_starts = against_c._defaults(LaterFirst().initial_conditions, values)
+    assert of_starts == {"x_0": 8.0, "y_0": 6.0, "z_0": 3.0}
+    mapping = BatchedReturnMap(LaterFirst())
+    points, _ = mapping.settled({"z_0": np.array([3.0, 4.0])}, {"b": np.array([0.5, 1.0])}, 0)
+    np.testing.assert_allclose(points.at, [[8.0, 6.0, 3.0], [12.0, 8.0, 4.0]])

@@ -184,6 +184,8 @@ def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: s
         ("value", {"of": "apxe + 1"}, "has apxe, which is unknown; did you mean apex?"),
         ("value", {"of": "2 +"}, "is neither a column nor a formula: "),
         ("value", {"of": "2 + 1"}, "has no column"),
+        ("value", {"of": "outcome"}, "is outcome, which is unknown"),
+        ("value", {"of": "apex", "among": {"outcome": [0, 1]}}, "has outcome, which is unknown"),
         (
             "value",
             {"of": "apex", "among": {"apxe": [1, 2]}},
@@ -202,7 +204,7 @@ def test_wrong_fields_are_refused(kind: str, fields: dict[str, Any], sentence: s
     ],
 )
 def test_names_that_the_model_lacks_are_refused(kind: str, fields: dict[str, Any], sentence: str) -> None:
-    result = measure(kind, **fields).field_error(["status", "gait", "apex_end", "cycles"], TOY)
+    result = measure(kind, **fields).field_error(["status", "gait", "outcome", "apex_end", "cycles"], TOY)
     assert result is not None
     assert sentence in " ".join(result)
 

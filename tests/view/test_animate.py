@@ -249,6 +249,14 @@ def test_seconds_are_the_last_ones_of_a_row_that_is_simulated_again(
     assert told == ["The motion of the row, and with it the figure, ends at 4856.8 s."]
 
 
+def test_contacts_numbered_from_0_are_those_of_limbs_in_order() -> None:
+    signals = {"contact_0": np.array([1.0, 0.0]), "contact_1": np.array([0.0, 1.0])}
+    motion = RowMotion(PlanarQuadruped(), {}, np.array([0.0, 1.0]), signals, 0.2, "", ())
+    np.testing.assert_array_equal(motion.contact(2), [[1.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(movie.PlotError, match="4 limbs, but 2 of the signals"):
+        motion.contact(4)
+
+
 def test_only_numbered_contacts_are_those_of_feet() -> None:
     t = np.array([0.0, 1.0, 2.0])
     signals = {"contact_2": np.array([0.0, 1.0, 1.0]), "contact_force": np.array([0.0, 1.0, 2.0])}

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
 from gaitsweep.analysis.atlas.atlas import BranchAtlas
-from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record, text_of
+from gaitsweep.analysis.atlas.branch import ON_BRANCH, Branch, Record, coordinates_of, text_of
 from gaitsweep.analysis.atlas.order_changes import event_columns
 from gaitsweep.analysis.atlas.periodic_orbits import OrbitSearch, polished, with_images
 from gaitsweep.analysis.atlas.plane_curves import with_suffixes
 from gaitsweep.analysis.continuation.arclength_step import BranchPoints
+from gaitsweep.analysis.continuation.branch_points import CROSSINGS
 from gaitsweep.analysis.continuation.branch_table import in_terms_of_flow
 from gaitsweep.engine.poincare.maps import Points
 
@@ -20,6 +23,8 @@ Mask = Bool[np.ndarray, " records"]
 _NOT_COLUMNS = ("row", "point", "at", "events", "changes")
 # Bifurcations on two branches are one if their parameters differ by less, as a share of the range.
 SAME_VALUE = 1e-8
+# Crossings of branches at such a value are one if their coordinates differ by less, relative to their size.
+SAME_POINT = 1e-6
 # Numbers of a record that only some records have.
 _NOT_A_NUMBER = dict.fromkeys(("coefficient", "reached", "error"), float("nan"))
 
@@ -129,7 +134,7 @@ def _bifurcations(table: pd.DataFrame, parameter: str) -> Mask:
     """Mask of the records of bifurcations, without those that repeat another branch's.
 
     A parent's flip is met again where its doubled gait ends, and a pitchfork that ends a branch is on the
-    symmetric branch as well.
+    symmetric branch as well. Branches that cross have the point of both, if a search found a gait of each.
     """
     special, end = (table[name].astype(str).to_numpy(str) for name in ("special", "end"))
     row, value = table["row"].to_numpy(int), table[parameter].to_numpy(float)
@@ -138,4 +143,10 @@ def _bifurcations(table: pd.DataFrame, parameter: str) -> Mask:
     for k in np.flatnonzero(end == "pitchfork"):
         alike = (row == row[k]) & (special == special[k]) & (end != "pitchfork")
         repeated[k] = np.any(alike & (np.abs(value - value[k]) <= least))
+    crossings = np.flatnonzero(np.isin(special, CROSSINGS) & ~repeated & ("stored_point" in table))
+    places = {k: np.array(coordinates_of(table["stored_point"].iloc[k])) for k in crossings.tolist()}
+    for k, other in itertools.combinations(places, 2):
+        alike = row[k] == row[other] and special[k] == special[other]
+        alike &= abs(value[k] - value[other]) <= least
+        repeated[other] |= alike and np.allclose(places[k], places[other], SAME_POINT, SAME_POINT)
     return ~np.isin(special, ["", "nan", "kink"]) & ~repeated

@@ -37,6 +37,11 @@ def text_of(at: BranchPoints) -> str:
     return json.dumps([array.tolist() for array in (at.points.at[0], *modes)])
 
 
+def coordinates_of(text: str) -> list[float]:
+    """The coordinates of a point in the text that `text_of` wrote."""
+    return json.loads(text)[0]
+
+
 def point_of(text: str, like: Points) -> StoredPoint:
     """Read the point from the text that `text_of` wrote.
 

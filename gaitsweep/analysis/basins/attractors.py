@@ -360,7 +360,7 @@ def attractors(
             "complete), so their attractors are unknown: simulate them in a run of kind settle."
         )
     require_numbers(table, *columns)
-    grain = _grain_of(table) if grain is None else grain
+    grain = _grain_of(table, columns) if grain is None else grain
     if not grain > 0.0 or not (link is None or link > 0.0):
         raise AnalysisError(f"grain is {grain:g} and link {link}, but both must be above 0.")
     space = Space.of(table, columns, scales)
@@ -488,11 +488,14 @@ def agreement(table: pd.DataFrame, column: pd.Series, label: str = "gait") -> fl
     return float(counts.max(axis=1).sum() / total) if total else float("nan")
 
 
-def _grain_of(table: pd.DataFrame) -> float:
+def _grain_of(table: pd.DataFrame, columns: Sequence[str]) -> float:
     """The distance below which states are equal, by the tolerance of the table's run."""
     tolerance = table.attrs.get("job", {}).get("run", {}).get("tolerance")
-    if isinstance(tolerance, Mapping):  # one for each observable: the largest determines the grain
-        tolerance = max(tolerance.values(), default=None)
+    if isinstance(tolerance, Mapping):  # of some observables: the largest of all determines the grain
+        from gaitsweep.engine.recorders.bounds import TOLERANCE  # which imports JAX
+
+        others = {TOLERANCE for name in columns if name.removesuffix("_end") not in tolerance}
+        tolerance = max({*tolerance.values(), *others}, default=None)
     return CYCLES_OF_A_GRAIN * float(tolerance) if tolerance else _GRAIN
 
 

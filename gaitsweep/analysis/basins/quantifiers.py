@@ -23,6 +23,7 @@ from gaitsweep.analysis.basins.state_space import Space, check_scales, crossing_
 from gaitsweep.analysis.records import (
     AnalysisError,
     outcome_labels,
+    refuse_inferred,
     require,
     require_numbers,
     require_rows,
@@ -69,7 +70,13 @@ def quantifiers(
     require(table, "status", "t_end")
     require_numbers(table, parameter)
     require_rows(table)
+    if within is not None and _are_inferred(table).any():
+        raise AnalysisError(
+            f"within is {within:g} s, but this table has inferred rows, which have no time: leave it out, or "
+            "run the job without run.refine."
+        )
     if label == "attractor" and label not in table:
+        refuse_inferred(table, "no state that identifies an attractor")
         column = follow_attractors(table, parameter, **grouping).column
         table = table.assign(**{label: column.astype(object).to_numpy()})
     elif grouping:
@@ -190,8 +197,18 @@ def _share(shares: pd.DataFrame, parameter: str, value: float, name: str) -> lis
     return numbers[0].tolist() if len(numbers) else []
 
 
+def _are_inferred(table: pd.DataFrame) -> Bool[np.ndarray, " rows"]:
+    """Mask of the rows (n,) that were inferred."""
+    return (table["status"].astype(str) == Status.inferred.name).to_numpy(bool)
+
+
 def _times(basin: pd.DataFrame) -> dict[str, float]:
-    """Mean, median, tail and maximum of the times after which rows have settled."""
+    """Mean, median, tail and maximum of the times after which rows have settled.
+
+    None where rows were inferred: those that were simulated lie beside boundaries, and settle the latest.
+    """
+    if _are_inferred(basin).any():
+        return {}
     settled = basin["status"].astype(str).isin([Status.settled.name, Status.at_rest.name]).to_numpy()
     times = basin["t_end"].to_numpy(float)[settled]
     if not times.size:

@@ -34,6 +34,10 @@ from gaitsweep.engine.poincare.maps import Points
 
 # Least cosine of the angle by which a branch turns in a step.
 STRAIGHT = 0.95
+# Largest distance from the beginning of a step to its end, as a multiple of its length. A longer one leads to
+# another branch; where the length is below so many shortest ones, the branch may have a corner.
+FARTHEST = 2.0
+CORNER_STEPS = 10.0
 # Most corrections of a step after which the next one is longer.
 FEW_CORRECTIONS = 6
 # Factors of longer and of shorter steps.
@@ -128,6 +132,8 @@ class BranchFollower:
             after, converged = problem.step(before, self.length[rows])
             straight = np.sum(problem.weights * before.tangent * after.tangent, axis=1) > STRAIGHT
             accepted = converged & (straight | (self.length[rows] <= self.steps.shortest))
+            farthest = FARTHEST * np.maximum(self.length[rows], CORNER_STEPS * self.steps.shortest)
+            accepted &= _distance(problem, before, after) < farthest
             specials = self._specials(rows, before, after, accepted)
             accepted = np.array([special is not None for special in specials], bool)
             self._reject(rows[~accepted])

@@ -29,7 +29,7 @@ from gaitsweep.contract import Quantity
 from gaitsweep.dynamics.mjcf import data_at_keyframe
 from gaitsweep.dynamics.mjx.mjx_body import BodyState
 from gaitsweep.dynamics.mjx.refusals import cautions, contact_words, named
-from gaitsweep.expression import resolve
+from gaitsweep.expression import in_order, resolve
 
 if TYPE_CHECKING:
     from gaitsweep.dynamics.mjx.mjcf_model import MjcfModel
@@ -291,7 +291,7 @@ def _defaults(quantities: Iterable[Quantity], values_before: dict[str, float]) -
     formulas = {
         q.name: float(np.clip(1.0, q.low, q.high)) if q.default is None else q.default for q in quantities
     }
-    values = resolve(formulas, values_before)
+    values = resolve(in_order(formulas), values_before)
     return {name: float(values[name]) for name in formulas}
 
 

@@ -33,7 +33,7 @@ from gaitsweep.engine.poincare.maps import (
 )
 from gaitsweep.engine.poincare.poincare_return import Returned, ReturnStatus
 from gaitsweep.errors import ArgumentError
-from gaitsweep.expression import functions_of, names_used, resolve
+from gaitsweep.expression import functions_of, in_order, names_used, resolve
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +128,7 @@ class ModelMap(FollowedMap):
         """The points that starts of the model reach after `cycles` images.
 
         Args:
-            starts: initial conditions (n,) by name; the others have their defaults.
+            starts: initial conditions (n,) by name; the others have their defaults, numbers or formulas.
             values: parameters by name, numbers or (n,).
             cycles: applications of the map, 0 or more; a trajectory that fails stays at its last state.
 
@@ -142,12 +142,19 @@ class ModelMap(FollowedMap):
         refuse_fork()
         self._refuse_unknown(starts, self.model.initial_conditions, "start value")
         n = max([np.size(column) for column in (*values.values(), *starts.values())], default=1)
-        starts_of_points = {}
+        starts_of_points, formulas = {}, {}
         for quantity in self.model.initial_conditions:
             start = starts.get(quantity.name, quantity.default)
             if start is None:
                 raise ArgumentError(f"{quantity.name} of {self.model.name} has no default: set it in starts.")
-            starts_of_points[quantity.name] = column(quantity.name, start, n)
+            if isinstance(start, str):
+                formulas[quantity.name] = start
+            else:
+                starts_of_points[quantity.name] = column(quantity.name, start, n)
+        if formulas:
+            known = {name: np.asarray(value) for name, value in self.resolved(values).items()}
+            known = resolve(in_order(formulas), {**known, **starts_of_points})
+            starts_of_points |= {name: column(name, known[name], n) for name in formulas}
         complete = self.complete(values, n)
         state, status = _settler(self, cycles)(complete, starts_of_points)
         at = jax.jit(jax.vmap(lambda v, s: self.chart.to_coordinates(self.params(v), s)))(complete, state)

@@ -19,7 +19,7 @@ from gaitsweep.analysis.basins.attractor_matching import follow_attractors
 from gaitsweep.analysis.basins.attractors import with_attractors
 from gaitsweep.analysis.basins.basin_boundaries import ENTROPY_BOX
 from gaitsweep.analysis.basins.measures import Basins, basins
-from gaitsweep.analysis.records import axes_of
+from gaitsweep.analysis.records import axes_of, refuse_inferred
 from gaitsweep.plot import theme
 from gaitsweep.plot.arguments import TEXT_COLUMNS, Column, Title
 from gaitsweep.plot.basin_maps.cells import check_hue
@@ -108,6 +108,7 @@ def _with_attractors(table: pd.DataFrame, panels: str | None) -> pd.DataFrame:
     """The table with the attractor of each row, matched along numeric panels."""
     if panels is None or not pd.api.types.is_numeric_dtype(table[panels]):
         return with_attractors(table)
+    refuse_inferred(table, "no state that identifies an attractor")
     followed = table.assign(attractor=follow_attractors(table, panels).column)
     followed.attrs = table.attrs
     return followed
