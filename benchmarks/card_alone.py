@@ -109,7 +109,9 @@ def measure(case: Case, lanes: int = 131072, contraction: bool = True) -> Measur
     )
     began = time.perf_counter()
     on_card = CudaLanes(spec, spec.devices[0])
-    on_card.fill(params, starts, np.arange(lanes))
+    opened = np.arange(on_card.size)  # fewer than `lanes` if their numbers take too much memory
+    values, initial = ({name: column[opened] for name, column in c.items()} for c in (params, starts))
+    on_card.fill(values, initial, opened)
     ready = time.perf_counter() - began
     attempts, rates = int(on_card.run_chunk(0).numbers["attempts"].sum()), []
     for _ in range(3):

@@ -114,6 +114,8 @@ class Design:
         starts = [quantity.name for quantity in self.model.initial_conditions]
         values = self.at(rows, [*parameters, *starts])
         self._check_block(rows, values)
+        if self.model.host_parameters:  # a user's `on_host` may change values in place
+            values = {name: np.array(column) for name, column in values.items()}
         return RowValues({name: values[name] for name in parameters}, {name: values[name] for name in starts})
 
     def at(self, rows: RowNumbers, wanted: Iterable[str]) -> Columns:

@@ -137,7 +137,7 @@ def _planned(
     dimensions = tuple(axis.dimension for axis in axes)
     names = [name for axis in axes for name in axis.names if "flag_values" not in variables[name][2]]
     values = design.at(np.arange(math.prod(shape), dtype=np.int64), names)
-    return {name: (dimensions, values[name].reshape(shape), variables[name][2]) for name in names}
+    return {name: (dimensions, np.array(values[name]).reshape(shape), variables[name][2]) for name in names}
 
 
 def _coordinates(variables: dict[str, _Variable], axes: Sequence[_Axis], grid: _Grid) -> dict[str, _Variable]:

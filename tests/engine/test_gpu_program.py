@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks import card_alone
 from gaitsweep.cache_folder import cache_folder
 from gaitsweep.dynamics.declarations import parameter, variable
 from gaitsweep.dynamics.map_model import MapModel
@@ -146,6 +147,19 @@ def test_sweeps_thread_by_thread(on_card: Any, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(cuda_lanes, "_MOST_NUMBERS", 1)
     monkeypatch.setattr(cuda_lanes, "_FEW_LANES", 1)
     same(one, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=7))
+
+
+@pytest.mark.slow
+def test_a_group_has_no_more_lanes_than_memory(on_card: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No bit of a sweep depends on it, and the benchmark of the kernels fills the lanes that there are."""
+    recorder, starts = CrossingRecorder(Toy(), crossings=12), {"launch_1": LAUNCH}
+    asked = on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=14)
+    monkeypatch.setattr(cuda_lanes, "_FEW_LANES", 2)
+    monkeypatch.setattr(cuda_lanes, "_MOST_NUMBERS", 1)
+    same(asked, on_card(Toy(), recorder, starts, numerics=NUMERICS, lanes=14))
+    monkeypatch.setattr(card_alone, "local_devices", lambda _: [types.SimpleNamespace(platform="gpu")])
+    case = card_alone.Case("toy", Toy(), NUMERICS, {"launch_1": (1.0, 2.0)}, polls=1)
+    assert card_alone.measure(case, lanes=7).rate > 0.0
 
 
 def test_a_known_model_is_not_traced_for_a_card(

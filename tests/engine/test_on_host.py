@@ -15,6 +15,7 @@ from gaitsweep.engine.recorders.recordings import CrossingRecorder
 from gaitsweep.engine.recorders.settle import SettleRecorder
 from gaitsweep.engine.sweep.engine_choice import EngineError, choose
 from tests.support.sweeping import run_rows
+from tests.support.toy_jobs import toy
 from toy_model import Params, Toy
 
 LAUNCH = np.linspace(0.1, 4.0, 7)
@@ -58,6 +59,20 @@ def test_arrays_of_rows_reach_their_lanes(block: int, devices: int) -> None:
         np.testing.assert_allclose(one.samples, other.samples, rtol=1e-12)
         for name in one.labels:
             np.testing.assert_allclose(one.labels[name], other.labels[name], rtol=1e-12)
+
+
+def test_a_model_may_change_its_values_in_place() -> None:
+    class Doubled(Prepared):
+        def on_host(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+            values["kick"][:] *= 2.0
+            values["preload"][0] = 1.0  # the same in all rows of the job
+            return super().on_host(values)
+
+    design = dataclasses.replace(toy(vary={"kick": KICK.tolist()}).design, model=Doubled())
+    for _ in range(2):
+        values = design.model.on_host(design.values(0, KICK.size).parameters)
+        np.testing.assert_array_equal(values["both"][:, 0], 2.0 * KICK)
+        assert values["both"][:, 1].tolist() == [1.0, *[0.5] * (KICK.size - 1)]
 
 
 def test_such_a_model_is_left_to_xla() -> None:

@@ -63,7 +63,10 @@ class _Module:
         self.code = code
 
     def get_kernel(self, name: str) -> Any:
-        return types.SimpleNamespace(function=getattr(self.code, name), thread=self.code)
+        attributes = types.SimpleNamespace(num_regs=0, local_size_bytes=0)
+        return types.SimpleNamespace(
+            function=getattr(self.code, name), thread=self.code, attributes=attributes
+        )
 
 
 class HostCard:
