@@ -98,7 +98,9 @@ class EngineChoice(StrictModel):
         "model and the machine allow it",
     )
     lanes: LaneCount | None = Field(
-        default=None, description="trajectories advanced at once; by default chosen for the device"
+        default=None,
+        description="trajectories advanced at once; by default chosen for the device. A kernel on a GPU"
+        " advances fewer than asked for where more than 131 072 would need over 1 GiB",
     )
     block: Annotated[
         int | Literal["auto"],

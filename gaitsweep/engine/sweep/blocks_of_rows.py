@@ -93,7 +93,7 @@ class BlockPart(NamedTuple):
         rows: Places,
         ended: Bool[np.ndarray, " changed"] | None = None,
     ) -> BlockPart:
-        """The part of a chunk's output that belongs to a block, without memory that the next chunk changes.
+        """The part of a chunk's output that belongs to a block; later chunks change no declared number of it.
 
         Args:
             number: the number of the block.

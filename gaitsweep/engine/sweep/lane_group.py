@@ -123,6 +123,7 @@ class CollectedChunk(NamedTuple):
 
     Attributes:
         began: the time at which it began (s).
+        seconds: the time that the lanes ran (s).
         free: the lanes without a row.
         parts: the new samples and the ended rows of each block.
         ended: the number of ended rows.
@@ -133,6 +134,7 @@ class CollectedChunk(NamedTuple):
     """
 
     began: float
+    seconds: float
     free: Int[np.ndarray, " free"]
     parts: list[BlockPart]
     ended: int
@@ -193,9 +195,10 @@ class LaneGroup:
         polls = self.sizer.polls if polls is None else polls
         began = self.sizer.record_start()
         output = self.lanes.run_chunk(polls)
+        seconds = time.perf_counter() - began
         if polls:
             self.sizer.record_end(began, polls)
-        return self._collected(output, began)
+        return self._collected(output, began, seconds)
 
     def _open(self) -> None:
         """Open the fresh rows."""
@@ -217,8 +220,8 @@ class LaneGroup:
             _joined([lanes for _, _, lanes in fresh]),
         )
 
-    def _collected(self, output: ChunkOutput, began: float) -> CollectedChunk:
-        """The results of a chunk that began at `began` (s), whose ended rows leave their lanes."""
+    def _collected(self, output: ChunkOutput, began: float, seconds: float) -> CollectedChunk:
+        """The results of a chunk, whose ended rows leave their lanes; the times are those of the results."""
         is_busy = self._block_of != IDLE
         is_running = is_busy & (output.numbers["status"] == Status.running)
         if self._most_samples is not None:
@@ -239,6 +242,7 @@ class LaneGroup:
         times = output.numbers["t_end"]
         return CollectedChunk(
             began,
+            seconds,
             np.flatnonzero(self._block_of == IDLE) if running.size else np.arange(self.size),
             parts,
             ended=sum(part.ended for part in parts),
