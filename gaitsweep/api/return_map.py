@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, overload
 
+import jax
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Inexact
@@ -21,6 +22,8 @@ from gaitsweep.analysis.records import names_in
 from gaitsweep.api.fixed_points import FixedPointsOfModel, SectionPoints, job_of_map, require_whole
 from gaitsweep.api.keywords import AnyModel
 from gaitsweep.contract import HybridModel
+from gaitsweep.dynamics.declarations import Variable
+from gaitsweep.dynamics.section_coordinates import SectionCoordinates
 from gaitsweep.engine.content import held_contents
 from gaitsweep.engine.poincare.maps import Points
 from gaitsweep.engine.poincare.return_map import BatchedReturnMap
@@ -28,6 +31,8 @@ from gaitsweep.engine.pushed_model import flow_places
 from gaitsweep.engine.solver.methods import derivative_refusal
 from gaitsweep.errors import ArgumentError, warn
 from gaitsweep.job import Job
+
+_BESIDE = 1e-3  # distance from a point to one beside it, in sizes of coordinates
 
 
 class PoincareMap(FixedPointsOfModel):
@@ -118,7 +123,48 @@ class PoincareMap(FixedPointsOfModel):
                 f"{np.count_nonzero(~x.fixed)} of {len(x.fixed)} points are no fixed points "
                 f"({', '.join(outcomes)}): their multipliers are NaN."
             )
+        if missing := self._missing_coordinates(self._points(x)[0]):
+            names = " and ".join(missing)
+            warn(
+                f"The images of points depend on {names}, which section_coordinates of {self.model.name} "
+                f"leaves out, so the multipliers are wrong: add {names}, or set it from the coordinates in "
+                "`complete`."
+            )
         return factors
+
+    def _missing_coordinates(self, points: Points) -> list[str]:
+        """Return the left-out variables that vary from crossing to crossing and change the next one.
+
+        The image of a point that lies beside the first one is mapped with all of its state, and with each
+        left-out variable as at the first point.
+        """
+        if not isinstance(chart := self._return_map.chart, SectionCoordinates):
+            return []
+        first = points[:1]
+        chosen = dict(chart.model.section_variables())
+        others = [name for name in chart.model.declarations.of_kind(Variable) if name not in chosen]
+        if not others:
+            return []
+        values = {name: value[:1] if np.ndim(value) else value for name, value in self._values.items()}
+        beside = Points(first.at + _BESIDE * self.mapping.sizes(first.at), first.modes)
+        image = self.mapping.linearised(beside, values)
+        alike = [
+            np.array_equal(one, other)
+            for one, other in zip(*map(jax.tree.leaves, (first.modes, image.points.modes)), strict=True)
+            if not np.issubdtype(one.dtype, np.floating)
+        ]
+        if not (image.sound.all() and all(alike)):
+            return []
+        modes = image.points.modes
+        states = [modes, *(modes.replace(**{name: getattr(first.modes, name)}) for name in others)]
+        own, *replaced = (self.mapping.linearised(Points(image.points.at, s), values) for s in states)
+        return [
+            name
+            for name, other in zip(others, replaced, strict=True)
+            if own.sound.all()
+            and other.sound.all()
+            and self.mapping.distance(own.points.at, other.points.at).max() > 1e-2 * _BESIDE
+        ]
 
     @held_contents()
     def orbit(self, x: SectionPoints | ArrayLike) -> Float[np.ndarray, "*points period coordinates"]:

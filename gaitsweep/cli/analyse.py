@@ -288,11 +288,13 @@ def gait_transitions(
     """
     from gaitsweep.analysis.records import axes_of
     from gaitsweep.analysis.transitions.hysteresis import transition_points_by_gait
+    from gaitsweep.plot.columns import varying_parameters
 
     table = result_table(directory)
     parameter = parameter or _from_job(table, "--parameter", "gait_transitions", "x", axes_of(table))
     start = start or _from_job(table, "--start", "gait_transitions", "start", axes_of(table), parameter)
-    print_table(transition_points_by_gait(table, parameter, start))
+    others = [name for name in varying_parameters(table) if name not in (parameter, start)]
+    print_table(transition_points_by_gait(table, parameter, start, by=others))
 
 
 def _from_job(

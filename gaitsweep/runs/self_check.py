@@ -440,7 +440,7 @@ class _Comparison:
         wrong = np.any(differing.off & unexplained, axis=1)
         discrete = differing.other_status | differing.other_gait | differing.other_count
         sensitive = np.where(discrete, flips | (differing.other_count & ~wrong), ~wrong)
-        check.sensitive += int(sensitive.sum())
+        check.record_rows(rows[sensitive], rows[~sensitive])
         check.status_differs += int((differing.other_status & ~sensitive).sum())
         check.gait_differs += int((differing.other_gait & ~sensitive).sum())
         check.count_differs += int((differing.other_count & ~sensitive).sum())
@@ -493,7 +493,7 @@ class _Comparison:
         once, finer, moved = outcomes
         differs = once.status != finer.status
         boundary = differs & (once.status != moved.status)
-        check.sensitive += int(boundary.sum())
+        check.record_rows(rows[boundary], rows[differs & ~boundary])
         check.status_differs += int((differs & ~boundary).sum())
         observed, times = [run[..., 1:] for run in samples], [run[..., 0] for run in samples]
         most, spread = (_largest_change(model, samples[0], other) for other in samples[1:])
@@ -516,7 +516,8 @@ class _Comparison:
         off_row = ~differs & ~other_count & (wrong.any(axis=1) | (off_time & (late > late_if_moved)))
         check.count_differs += int(other_count.sum())
         check.moved += int(off_row.sum())
-        check.sensitive += int(np.sum((off.any(axis=1) | off_time) & ~differs & ~other_count & ~off_row))
+        unsure = (off.any(axis=1) | off_time) & ~differs & ~other_count & ~off_row
+        check.record_rows(rows[unsure], rows[other_count | off_row])
 
     def compare_starting_points(
         self, rows: Rows, once: StartingPoints, finer: StartingPoints, check: SelfCheck

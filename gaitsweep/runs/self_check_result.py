@@ -109,6 +109,14 @@ class SelfCheck:
     repeating: dict[str, Any] = dataclasses.field(default_factory=dict)
     added: int = 0
     _worst_share: float = -1.0
+    _sensitive_rows: set[int] = dataclasses.field(default_factory=set)
+    _wrong_rows: set[int] = dataclasses.field(default_factory=set)
+
+    def record_rows(self, sensitive: Int[np.ndarray, " n"], wrong: Int[np.ndarray, " k"]) -> None:
+        """Count sensitive rows once, also if their ends and their crossings differ, and no wrong ones."""
+        self._sensitive_rows.update(sensitive.tolist())
+        self._wrong_rows.update(wrong.tolist())
+        self.sensitive = len(self._sensitive_rows - self._wrong_rows)
 
     def record_changes(
         self,
@@ -135,7 +143,7 @@ class SelfCheck:
     def judged(self) -> dict[str, Any]:
         """Return the fields for the manifest, with the verdict."""
         fields = dataclasses.asdict(self)
-        del fields["_worst_share"]
+        fields = {name: value for name, value in fields.items() if not name.startswith("_")}
         return fields | {"verdict": "warned" if any(map(fields.get, DIFFERENCES)) else "passed"}
 
 

@@ -455,3 +455,12 @@ def test_texts_in_place_of_numbers_are_refused() -> None:
             call()
     with pytest.raises(AnalysisError, match="level is 2, but must be between 0 and 1"):
         proportion_interval(1, 3, 2.0)
+
+
+def test_stairs_are_no_starts() -> None:
+    """The stairs of a staircase would count as starts of a basin; one stair has each start once."""
+    start = grid_table((8, 8), lambda x, y: x < 3)
+    stairs = pd.concat([start.assign(stair=stair) for stair in (0, 1)], ignore_index=True)
+    with pytest.raises(AnalysisError, match=r'a record for each stair, .* table\[table\["stair"\] == 0\]'):
+        basins(stairs)
+    assert basins(stairs[stairs["stair"] == 1]).fractions["of"].tolist() == [64, 64]

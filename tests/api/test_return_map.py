@@ -224,6 +224,7 @@ def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
     assert np.isnan(hops.multipliers([np.nan, 8.3])).all()
 
 
+<<<<<<< HEAD
 class Pulled(gs.MapModel):
     """x -> x + pull - shift x, at rest in pull / shift."""
 
@@ -263,3 +264,44 @@ class TwoPlaces(gs.MapModel):
 
     def image(self, p, s):
         return {"x": s.x - p.shift * s.x, "y": s.y, "z": s.z}
+=======
+class Mixed(gs.DeclaredModel):
+    """A linear map of x and y once a second, which also counts turns; y is left out of the coordinates."""
+
+    section_coordinates = ("x",)
+
+    rate = gs.parameter("1/s", "frequency", 1.0)
+    clock = gs.variable("1", "share of the cycle", 0.0, observed=False)
+    x = gs.variable("1", "first state", 0.3)
+    y = gs.variable("1", "second state", 0.2)
+    path = gs.variable("m", "length of the path", 0.0)
+
+    def flow(self, p, s):
+        return {"clock": p.rate, "path": 1.0 + s.x}
+
+    @gs.event("it ticks", section=True)
+    def tick(self, p, s):
+        return s.clock - 1.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(clock=0.0, x=0.5 * s.x + 0.3 * s.y, y=0.4 * s.x + 0.2 * s.y)
+
+    def period(self, p):
+        return 1.0 / p.rate
+
+
+@pytest.mark.slow
+def test_multipliers_warn_of_a_coordinate_that_is_missing() -> None:
+    """The path's length changes nothing, and is not named."""
+
+    class Whole(Mixed):
+        section_coordinates = ("x", "y")
+
+    whole = gs.return_map(Whole())
+    factors = whole.multipliers(whole.settled({}, cycles=3))
+    assert np.sort(factors[0].real) == pytest.approx(np.sort(np.linalg.eigvals([[0.5, 0.3], [0.4, 0.2]])))
+    part = gs.return_map(Mixed())
+    with pytest.warns(UserWarning, match=r"depend on y, which section_coordinates of \w+ leaves out"):
+        part.multipliers(part.settled({}, cycles=3))
+>>>>>>> newP

@@ -177,6 +177,17 @@ def test_gaits_are_lost_at_transition_points(show: Show) -> None:
     assert show(axes, "gait-transitions", "--parameter", "f") == printed  # the other axis is the start
 
 
+def test_gaits_are_lost_separately_for_each_value_of_another_parameter(show: Show) -> None:
+    """Walk is lost above f = 1 at beta = 0.7 and above f = 2 at beta = 0.8."""
+    f, beta = np.tile([1.0, 2.0, 3.0], 2), np.repeat([0.7, 0.8], 3)
+    table = pd.DataFrame({"row": np.arange(6), "beta": beta, "f": f, "delta_13": 1.0, "status": "settled"})
+    table["gait"] = ["walk", "trot", "trot", "walk", "walk", "trot"]
+    table.attrs["job"] = {"model": "waist_quadruped", "run": {"kind": "settle"}}
+    printed = show(table, "gait-transitions", "--parameter", "f", "--start", "delta_13")
+    edges = [" ".join(line.split()) for line in printed.splitlines() if " walk " in line]
+    assert edges == ["0.7 walk rising 1.0 2.0 1.0 2.0 1", "0.8 walk rising 2.0 3.0 2.0 3.0 1"]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -870,3 +870,37 @@ def test_states_before_jumps_are_followed_first() -> None:
     assert {0, 333, 667, 999} <= set(places)
     assert len(places) <= 8
     np.testing.assert_array_equal(followed(ahead[:5], 8), np.arange(5))
+
+
+class Scramble(gs.DeclaredModel):
+    """A map that multiplies errors by 1000 each cycle, and gaits by the half of x."""
+
+    gaits = ("low", "high")
+    factor = gs.parameter("1", "factor of a cycle", 1000.0)
+    phi = gs.variable("rad", "clock", 0.0, observed=False)
+    x = gs.variable("1", "state", 0.3, scale=1.0)
+
+    def flow(self, p, s):
+        return {"phi": 1.0, "x": -0.1 * s.x * jnp.cos(s.phi) ** 2}
+
+    @gs.event("it ticks", section=True)
+    def tick(self, p, s):
+        return s.phi - 1.0
+
+    @tick.jump
+    def again(self, p, s):
+        return s.replace(phi=0.0, x=jnp.mod(p.factor * s.x, 1.0))
+
+    def period(self, p):
+        return 1.0 + 0.0 * p.factor
+
+    def label(self, p, at):
+        return {"gait": jnp.where(at["x"] < 0.5, 0, 1)}
+
+
+@pytest.mark.slow
+def test_a_row_that_is_sensitive_at_its_end_and_before_counts_once() -> None:
+    """Of chaotic rows that do not settle, ends and first crossings differ."""
+    result = judged(Scramble, gs.Settle(max_cycles=25), x_0=np.linspace(0.1, 0.9, 40), verify=12)
+    assert result["verdict"] == "passed"
+    assert 0 < result["sensitive"] <= result["rows"] == 12

@@ -104,6 +104,12 @@ def basins(
     """
     table, by, axes = panels_and_axes(table, by, axes)
     require_rows(table)
+    for order in ("stair", "crossing", "point"):
+        if order in table.columns and len(table[order].unique()) > 1:
+            raise AnalysisError(
+                f"The table has a record for each {order}, but basins count each start once: keep one, "
+                f'such as table[table["{order}"] == {table[order].iloc[0]}], or run kind settle.'
+            )
     if not axes:
         raise AnalysisError("No axis is left for the basins: name the columns of the starts as `axes`.")
     if not isinstance(box, int | np.integer) or box < 2:
