@@ -224,7 +224,6 @@ def test_points_that_are_no_fixed_points_have_no_multipliers() -> None:
     assert np.isnan(hops.multipliers([np.nan, 8.3])).all()
 
 
-<<<<<<< HEAD
 class Pulled(gs.MapModel):
     """x -> x + pull - shift x, at rest in pull / shift."""
 
@@ -264,7 +263,8 @@ class TwoPlaces(gs.MapModel):
 
     def image(self, p, s):
         return {"x": s.x - p.shift * s.x, "y": s.y, "z": s.z}
-=======
+
+
 class Mixed(gs.DeclaredModel):
     """A linear map of x and y once a second, which also counts turns; y is left out of the coordinates."""
 
@@ -304,4 +304,3 @@ def test_multipliers_warn_of_a_coordinate_that_is_missing() -> None:
     part = gs.return_map(Mixed())
     with pytest.warns(UserWarning, match=r"depend on y, which section_coordinates of \w+ leaves out"):
         part.multipliers(part.settled({}, cycles=3))
->>>>>>> newP
