@@ -120,6 +120,7 @@ def test_conserved_quantities_are_constrained_by_default() -> None:
     assert not mapping.fixed_points(points, fix=()).converged.any()
 
 
+@pytest.mark.slow
 def test_starts_of_several_values_are_replaced_by_another_number_of_them() -> None:
     """The other starts, which have one value, do not keep the number of the map's own points."""
     dropped = gs.return_map(DroppedBall(), speed_0=[2.0, 3.0])
