@@ -135,8 +135,8 @@ class Perturb(SettlesRows):
             if name in of_model:
                 text = f"a quantity {name}, but {model.name} has another one of this name: rename that."
             elif added.count(name) > 1:
-                variable = name.removeprefix(PREFIX)
-                text = f"two quantities {name}, one of them for {variable} of {model.name}: rename {variable}."
+                pushed_name = name.removeprefix(PREFIX)
+                text = f"two quantities {name}, one of them for {pushed_name} of {model.name}: rename that."
             if text is not None:
                 wrong.append(Diagnostic(("run", "kind"), f"is perturb, which adds {text}"))
         clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)

@@ -294,7 +294,7 @@ def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> 
 
 
 def test_a_variable_whose_push_has_the_name_of_another_quantity_is_named_once() -> None:
-    with pytest.raises(JobError, match=r"two quantities push_phase, one of them for phase of hopper") as refused:
+    with pytest.raises(JobError, match=r"two quantities push_phase, .* for phase of hopper") as refused:
         job(model="gaitsweep.examples.hopper:Hopper", push=["phase"])
     assert str(refused.value).count("push_phase") == 1
 
