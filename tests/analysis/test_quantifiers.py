@@ -75,10 +75,11 @@ def test_quantifiers_of_two_wells(table: Any) -> None:
 def test_the_resilience_of_a_refined_run_is_that_of_its_simulated_rows() -> None:
     run = gs.Settle(exponents=1, refine="boundary")
     refined = gs.sweep(NamedWells(), x_0={"linspace": [-1.4, 1.4, 141]}, edge=[0.11], run=run).table
-    assert (refined["status"] == "inferred").sum() > 100
-    quantified = gs.quantifiers(refined, "edge", label="gait").set_index("gait")
+    assert refined["status"].tolist().count("inferred") > 100
+    quantified = gs.quantifiers(refined, "edge", label="gait")
+    assert quantified["gait"].tolist() == ["left", "right"]
     decay = [-np.log(1.0 - 2.0 * 0.2 * (1.0 + 0.11)), -np.log(1.0 - 2.0 * 0.2 * (1.0 - 0.11))]
-    np.testing.assert_allclose(quantified["resilience"][["left", "right"]], decay, rtol=0.01)
+    np.testing.assert_allclose(quantified["resilience"], decay, rtol=0.01)
 
 
 def test_convergence_times_are_those_of_the_rows(table: Any) -> None:
