@@ -36,6 +36,21 @@ def wrapped_difference(difference: Angles) -> Angles:
     return (difference + math.pi) % TURN - math.pi
 
 
+def shorter_way(difference: Float[np.ndarray, "*angles"]) -> Float[np.ndarray, "*angles"]:
+    """Differences of angles (rad) by the shorter way; half a turn is -pi, whatever its rounding.
+
+    Args:
+        difference: of any shape, rad.
+    """
+    return difference - TURN * np.floor((difference + TURN / 2.0 + _ROUNDING) / TURN)
+
+
+def unwrapped(angles: Float[np.ndarray, " angles"]) -> Float[np.ndarray, " angles"]:
+    """Angles (rad) in order, each the shorter way from the one before it, as `shorter_way` has it."""
+    change = np.diff(angles)
+    return np.concatenate([angles[:1], angles[1:] + np.cumsum(shorter_way(change) - change)])
+
+
 def is_circular(table: pd.DataFrame, name: str) -> bool:
     """Return whether a column is an angle.
 

@@ -72,8 +72,9 @@ class FixedPointsOfModel(abc.ABC):
         self._design = design
         self._parameters = parameters
         self._without_start = tuple(without_start)
+        # a start of one value is one number, whatever number of points it meets
         self._starts = {
-            name: value
+            name: value if design.spans(name) else value[:1]
             for name, value in starts.items()
             if name not in without_start and not np.isnan(value).all()
         }

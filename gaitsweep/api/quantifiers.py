@@ -63,7 +63,7 @@ def quantifiers(
           settling needs. Chaotic and quasi-periodic rows have none, since they run to their limit, nor has an
           attractor with inferred rows.
         - resilience (1/s): the rate at which small deviations decay, -lyapunov_1 in the mean (Pimm 1984,
-          Nature 307:321). It needs `exponents` in the run.
+          Nature 307:321). It needs `exponents` in the run, and is that of the rows that were simulated.
         - least_shock: the distance from the attractor's crossings to the nearest start with another outcome,
           in the units of the starts: the minimal fatal shock (Halekotte and Feudel 2020, Sci. Rep. 10:11783).
           It is no less than the true one, which lies between starts. It needs the observables of all axes

@@ -130,10 +130,15 @@ class Perturb(SettlesRows):
         extended = PushedModel(model, tuple(chosen), written.get("force") is True, stepped, event, resumes)
         of_model = {q.name for q in (*model.parameters, *model.initial_conditions)}
         added = [q.name for q in (*extended.added, *(extended.initial_conditions if resumes else ()))]
-        for name in added:
-            if name in of_model or added.count(name) > 1:
-                text = f"is perturb, which adds a quantity {name}, but {model.name} has another one of this "
-                wrong.append(Diagnostic(("run", "kind"), f"{text}name: rename that."))
+        for name in dict.fromkeys(added):
+            text = None
+            if name in of_model:
+                text = f"a quantity {name}, but {model.name} has another one of this name: rename that."
+            elif added.count(name) > 1:
+                pushed_name = name.removeprefix(PREFIX)
+                text = f"two quantities {name}, one of them for {pushed_name} of {model.name}: rename that."
+            if text is not None:
+                wrong.append(Diagnostic(("run", "kind"), f"is perturb, which adds {text}"))
         clash = any(diagnostic.path == ("run", "kind") for diagnostic in wrong)
         return (model if clash else extended), wrong
 

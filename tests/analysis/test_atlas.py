@@ -224,6 +224,16 @@ def test_a_pitchfork_and_its_symmetric_branches() -> None:
     assert specials(outer, "flip", "r") == pytest.approx([1.0], abs=1e-10)
 
 
+@pytest.mark.parametrize("special", ["kink", "fold"])
+def test_a_gait_at_a_special_point_of_its_branch_is_listed(special: str) -> None:
+    """As where the first step of a half leads over a bend of the map: its first record is a kink."""
+    search = searched(ODD, {"r": -0.5}, [-0.5], [0.5], 1, 8)
+    atlas = atlas_of(ODD, search, {"r": -0.5}, "r", (-0.6, -0.4), 0)
+    (at_place,) = [record for record in atlas.branches[0].records if record["r"] == -0.5]
+    at_place["special"] = special
+    assert atlas_table(atlas, search, -0.5)["found"].tolist().count(search.orbits[0].hits) == 1
+
+
 @pytest.mark.parametrize("unit", [1.0, 1e7, 1e-9])
 def test_a_pitchfork_on_two_branches_is_listed_once_in_any_unit(unit: float) -> None:
     table = pd.DataFrame({"r": [0.0, 0.4, 0.4 + 1e-13, 0.7, 1.0]}) * unit

@@ -184,6 +184,16 @@ def test_branches_of_angles_that_pass_half_a_turn_do_not_cross() -> None:
     assert loop_area(table, "psi_n", "f")["area"].item() == pytest.approx(1.5 + 3.0, rel=1e-12)
 
 
+def test_half_a_turn_has_one_sign_in_all_rows() -> None:
+    """Rows that differ by the origin of their angle alone; the falling pass has values of its own."""
+    speed, turned = [1.0, 2.0, 3.0, 4.0, 4.0, 3.5, 2.5, 1.0], np.pi * np.array([0, 0, 0, 1, 1, 1, 1, 0])
+    rows = pd.DataFrame({"pass": [0] * 4 + [1] * 4, "stair": range(8), "speed": speed})
+    tables = [rows.assign(row=k, psi_n=np.mod(0.7 * k + turned, 2.0 * np.pi)) for k in range(9)]
+    table = pd.concat(tables, ignore_index=True)
+    signed = loop_area(table, "psi_n", "speed")["signed"].to_numpy()
+    np.testing.assert_allclose(signed, signed[0], rtol=1e-12)
+
+
 def test_a_loop_has_an_area_where_angles_at_one_value_cancel() -> None:
     """As at a turn where an angle jumps by half a turn; the branch is linear over that value."""
     table = pd.DataFrame({"row": 0, "pass": [0] * 5 + [1] * 5, "stair": range(10)})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -36,6 +37,15 @@ class Sheared(gs.MapModel):
         return {"x": p.keeps * s.x + p.shear * s.y, "y": p.keeps * s.y}
 
 
+class NamedWells(Wells):
+    """The same map, whose wells are gaits."""
+
+    gaits = ("left", "right")
+
+    def label(self, p: Any, at: Any) -> Any:
+        return {"gait": jnp.where(at["x"] < 0.0, 0, 1)}
+
+
 STARTS = np.linspace(-1.4, 1.4, 141)  # 0.02 apart
 
 
@@ -59,6 +69,17 @@ def test_quantifiers_of_two_wells(table: Any) -> None:
         # to the first start beyond the edge
         beyond = [np.min(STARTS[edge < STARTS]) + 1.0, 1.0 - np.max(STARTS[edge > STARTS])]
         np.testing.assert_allclose([left["least_shock"], right["least_shock"]], beyond, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_the_resilience_of_a_refined_run_is_that_of_its_simulated_rows() -> None:
+    run = gs.Settle(exponents=1, refine="boundary")
+    refined = gs.sweep(NamedWells(), x_0={"linspace": [-1.4, 1.4, 141]}, edge=[0.11], run=run).table
+    assert refined["status"].tolist().count("inferred") > 100
+    quantified = gs.quantifiers(refined, "edge", label="gait")
+    assert quantified["gait"].tolist() == ["left", "right"]
+    decay = [-np.log(1.0 - 2.0 * 0.2 * (1.0 + 0.11)), -np.log(1.0 - 2.0 * 0.2 * (1.0 - 0.11))]
+    np.testing.assert_allclose(quantified["resilience"], decay, rtol=0.01)
 
 
 def test_convergence_times_are_those_of_the_rows(table: Any) -> None:

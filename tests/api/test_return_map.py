@@ -121,6 +121,14 @@ def test_conserved_quantities_are_constrained_by_default() -> None:
 
 
 @pytest.mark.slow
+def test_starts_of_several_values_are_replaced_by_another_number_of_them() -> None:
+    """The other starts, which have one value, do not keep the number of the map's own points."""
+    dropped = gs.return_map(DroppedBall(), speed_0=[2.0, 3.0])
+    points = dropped.settled({"speed_0": [1.0, 2.0, 4.0]}, cycles=0)
+    np.testing.assert_array_equal(points.at, [[0.0, 1.0], [0.0, 2.0], [0.0, 4.0]])
+
+
+@pytest.mark.slow
 def test_refusals() -> None:
     reduced = gs.return_map(gs.models.MultileggedReduced(N=3))
     starts = {"psi_1": 1.0, "psi_2": 2.0, "psi_3": 3.0}

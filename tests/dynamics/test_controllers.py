@@ -178,6 +178,29 @@ def test_angles_of_legs_are_in_their_ranges_wherever_zero_is(
         assert knee_range[0] < data.qpos[1] < knee_range[1]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("keyframe", "sign"), [("", -1.0), ("behind", 1.0)])
+def test_a_knee_without_limits_bends_as_in_the_keyframe_of_the_start(
+    tmp_path: Path, keyframe: str, sign: float
+) -> None:
+    body = (WALKERS / "quadruped.xml").read_text().replace(' range="-120 0" limited="true"', "")
+    place = int(mujoco.MjModel.from_xml_string(body).joint("knee_lf").qposadr[0])
+    keys = ""
+    for name, angle in (("ahead", -1.0), ("behind", 1.0)):
+        qpos = mujoco.MjModel.from_xml_string(body).qpos0
+        qpos[place] = angle
+        keys += f'<key name="{name}" qpos="{" ".join(map(str, qpos))}"/>'
+    body = body.replace("</mujoco>", f"<keyframe>{keys}</keyframe></mujoco>")
+    (tmp_path / "quadruped.xml").write_text(body)
+    text = (WALKERS / "quadruped.yaml").read_text()
+    named = f"body: quadruped.xml\nkeyframe: {keyframe}\n" if keyframe else "body: quadruped.xml\n"
+    (tmp_path / "quadruped.yaml").write_text(text.replace("body: quadruped.xml\n", named))
+    model: Any = model_of_file(tmp_path / "quadruped.yaml")()
+    p = model.params({q.name: jnp.asarray(q.default, float) for q in model.parameters})
+    start = {q.name: jnp.zeros(()) for q in model.initial_conditions}
+    assert np.sign(model.control(p, model.init(p, start))[1]) == sign
+
+
 @pytest.mark.parametrize(
     ("pairs", "stance"),
     [

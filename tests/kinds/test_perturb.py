@@ -293,6 +293,12 @@ def test_what_cannot_be_pushed_is_refused(fields: dict[str, Any], says: str) -> 
         job(**fields)
 
 
+def test_a_variable_whose_push_has_the_name_of_another_quantity_is_named_once() -> None:
+    with pytest.raises(JobError, match=r"two quantities push_phase, .* for phase of hopper") as refused:
+        job(model="gaitsweep.examples.hopper:Hopper", push=["phase"])
+    assert str(refused.value).count("push_phase") == 1
+
+
 @pytest.mark.slow
 def test_pushes_are_named_once_and_one_name_is_no_list_of_letters() -> None:
     def pushes(push: Any, run: Any = None) -> Any:

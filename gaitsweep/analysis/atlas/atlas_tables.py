@@ -59,7 +59,7 @@ def atlas_table(atlas: BranchAtlas, search: OrbitSearch, at: float) -> pd.DataFr
             head |= {"stored_point": text_of(record["at"])}
             numbers_of_point = {k: v for k, v in record.items() if k not in _NOT_COLUMNS}
             head |= with_suffixes(numbers_of_point, head)
-            if record[atlas.parameter] == at and not record["special"]:
+            if record[atlas.parameter] == at:
                 head |= _gait(atlas, search, branch, record["at"], listed.setdefault(branch.row, []))
             records.append(head)
     return in_terms_of_flow(atlas.mapping, pd.DataFrame(records))

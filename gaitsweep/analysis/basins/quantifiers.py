@@ -177,7 +177,7 @@ def _records(
                 record |= zip(columns, share, strict=True)
             record |= _times(basin)
             if _EXPONENT in table:
-                record["resilience"] = -float(basin[_EXPONENT].to_numpy(float).mean())
+                record["resilience"] = -float(pd.Series(basin[_EXPONENT].to_numpy(float)).mean())
             if space is not None:
                 record["least_shock"] = _least_shock(space, basin, _rows_of(table, at & ~in_basin), axes)
             record |= shapes.get(name, {})

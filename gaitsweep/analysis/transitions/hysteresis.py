@@ -36,7 +36,7 @@ from gaitsweep.analysis.transitions.jumps import (
     row_and_axes,
     upper_median,
 )
-from gaitsweep.angles import TURN, is_circular, mean_direction, wrapped_difference
+from gaitsweep.angles import TURN, is_circular, mean_direction, shorter_way, unwrapped
 from gaitsweep.near_miss import suggestion
 from gaitsweep.status import Outcome, Status
 
@@ -258,8 +258,8 @@ def loop_area(table: pd.DataFrame, observable: str, parameter: str) -> pd.DataFr
     Passes are taken in pairs from the first one on; a last one that is left over, with the pass before it.
 
     A branch is the observable over the parameter (the circular mean of several records at one value), linear
-    between its values; angles differ by the shorter way. The area has the unit parameter x observable. The
-    lag of a ramp adds to it.
+    between its values; angles differ by the shorter way, half a turn is -pi. The area has the unit parameter
+    x observable. The lag of a ramp adds to it.
 
     Args:
         table, observable, parameter: as for `jumps`.
@@ -338,7 +338,7 @@ def _area(course: Course, first: int, *, circular: bool) -> dict[str, float]:
     grid = np.unique(np.clip(np.concatenate([at for at, _ in branches]), low, high))
     first_branch, second_branch = (np.interp(grid, at, value) for at, value in branches)
     difference = (first_branch - second_branch) if rising(course, first) else (second_branch - first_branch)
-    difference = wrapped_difference(difference) if circular else difference
+    difference = shorter_way(difference) if circular else difference
     left, right = difference[:-1], difference[1:]
     size = np.abs(left) + np.abs(right)
     # angles that change sign by more than half a turn pass half a turn, not zero
@@ -360,5 +360,5 @@ def _branch(
     if circular:
         means = np.array([mean_direction(value[which == i]) for i in range(len(at))])
         known = ~np.isnan(means)  # opposite angles at one value have no mean
-        return at[known], np.unwrap(means[known])
+        return at[known], unwrapped(means[known])
     return at, np.bincount(which, value) / np.bincount(which)

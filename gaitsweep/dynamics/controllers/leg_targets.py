@@ -190,8 +190,8 @@ class FootPaths(Targets):
         return targets
 
 
-def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
-    """The leg of these joints and of the geom `foot`, from the compiled MJCF.
+def two_link_leg(m: Any, hip: str, knee: str, foot: str, keyframe: str = "") -> TwoLinkLeg:
+    """The leg of these joints and of the geom `foot`, from the compiled MJCF; it starts at the `keyframe`.
 
     Raises:
         ValueError: a joint is no hinge about y, the knee's body is not carried by the hip's, or the foot not
@@ -218,17 +218,18 @@ def two_link_leg(m: Any, hip: str, knee: str, foot: str) -> TwoLinkLeg:
     places = m.joint(hip).pos, m.joint(knee).pos, m.body_pos[shin_body], m.geom(foot).pos
     hip_at, knee_at, shin_at, foot_at = (place[[0, 2]] for place in places)
     thigh = shin_at + knee_at - hip_at
-    middles = np.array([_middle(m, joint) for joint in (hip, knee)])
+    middles = np.array([_middle(m, joint, keyframe) for joint in (hip, knee)])
     leg = TwoLinkLeg(hip, knee, thigh, foot_at - knee_at, hip_at, knee_at, np.array(turns), middles, 1.0)
     return dataclasses.replace(leg, bend=_bend(leg))
 
 
-def _middle(m: Any, name: str) -> float:
-    """The middle (rad) of a hinge's range; without limits its place in the first keyframe, or 0."""
+def _middle(m: Any, name: str, keyframe: str) -> float:
+    """The middle (rad) of a hinge's range; without limits its place in the keyframe, or 0."""
     joint = m.joint(name)
     if m.jnt_limited[joint.id]:
         return 0.5 * float(sum(joint.range))
-    return float(m.key_qpos[0][int(joint.qposadr[0])]) if m.nkey else 0.0
+    number = keyframe_number(m, keyframe)
+    return 0.0 if number is None else float(m.key_qpos[number][int(joint.qposadr[0])])
 
 
 def _bend(leg: TwoLinkLeg) -> float:

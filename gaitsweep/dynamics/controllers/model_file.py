@@ -199,7 +199,7 @@ def _controlled_body(document: Document, file: ModelFile, m: Any) -> ControlledB
     legs = _legs(document, controller, m)
     actuators = _actuators(document, legs, m)
     _refuse_gains(document, controller, actuators, m)
-    targets = _targets(document, controller, legs, m)
+    targets = _targets(document, file, legs, m)
     controlled = ControlledBody(m, file.dynamics == "located", file, legs, targets, actuators)
     for leg in legs if HIP in controller.oscillators.roles_of_feedback else ():
         with _errors_at(document, "controller", "legs", leg.name, HIP):
@@ -319,15 +319,17 @@ def _refuse_gains(document: Document, controller: Controller, actuators: Mapping
         raise _error(document, f"{text}ACTUATOR_kp and ACTUATOR_kv.", "controller")
 
 
-def _targets(document: Document, controller: Controller, legs: list[Leg], m: Any) -> Targets:
+def _targets(document: Document, file: ModelFile, legs: list[Leg], m: Any) -> Targets:
     """The targets of the joints of legs; raises JobError where a leg cannot follow a path."""
+    controller = file.controller
     if controller.joints is not None:
         return JointPatterns(m, controller.joints, [leg.joints for leg in legs])
     assert controller.path is not None
     two_link_legs = []
     for leg in legs:
         with _errors_at(document, "controller", "legs", leg.name):
-            two_link_legs.append(two_link_leg(m, leg.joints[HIP], leg.joints[_KNEE], leg.foot))
+            hip, knee = leg.joints[HIP], leg.joints[_KNEE]
+            two_link_legs.append(two_link_leg(m, hip, knee, leg.foot, file.keyframe))
     return FootPaths(controller.path, two_link_legs)
 
 
