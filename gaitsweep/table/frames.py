@@ -287,7 +287,10 @@ def shared(value: Any) -> Any:
     """Make the mappings and lists of a JSON value unchangeable, so that copies of a table share them."""
     if isinstance(value, dict):
         return SharedDict({name: shared(item) for name, item in value.items()})
-    return SharedList(map(shared, value)) if isinstance(value, list) else value
+    if not isinstance(value, list):
+        return value
+    # an axis may be a list of a million numbers
+    return SharedList(value if {dict, list}.isdisjoint(map(type, value)) else map(shared, value))
 
 
 def _near_column(path: Path, name: str) -> str:

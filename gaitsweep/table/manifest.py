@@ -29,6 +29,8 @@ _LARGEST = 256 * 2**20  # bytes
 
 _Count = Annotated[int, Field(ge=1, lt=2**63)]
 _CountOrZero = Annotated[int, Field(ge=0)]
+# Types whose values JSON gives back as they are.
+_OF_JSON = frozenset({float, int, str, bool, type(None)})
 
 
 class DamagedManifest(TableError):
@@ -52,6 +54,13 @@ def sealed(manifest: Mapping[str, Any]) -> dict[str, Any]:
 
 def json_value(value: Any) -> Any:
     """Convert values as JSON does: lists for tuples and arrays, Python's numbers for those of NumPy."""
+    kind = type(value)
+    if kind in _OF_JSON:
+        return value
+    if kind is dict and {str}.issuperset(map(type, value)):
+        return {name: json_value(item) for name, item in value.items()}
+    if kind is list:  # of a million numbers, as an axis may be
+        return list(value) if _OF_JSON.issuperset(map(type, value)) else [json_value(item) for item in value]
     return json.loads(json.dumps(value, default=_plain))
 
 

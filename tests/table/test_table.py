@@ -35,7 +35,7 @@ from gaitsweep.table import (
     parquet_parts,
 )
 from gaitsweep.table.atomic_files import read_file, reason, replace_file
-from gaitsweep.table.manifest import Layout
+from gaitsweep.table.manifest import Layout, json_value
 from gaitsweep.table.parquet_parts import arrow_part, readable
 from tests.support.toy_directories import GAITS, JOB, block_frame, files_of, fill, open_toy
 
@@ -202,6 +202,13 @@ def test_text_without_categories_is_joined_with_a_column_that_has_none(tmp_path:
     table = load(tmp_path / "toy")
     assert table["stalled_by"].dropna().tolist() == ["b lands", "a"]
     assert list(table["stalled_by"].cat.categories) == ["a", "b lands"]
+
+
+def test_values_of_a_manifest_are_those_that_json_gives_back() -> None:
+    numbers = [1, 2.5, "x", None, True]
+    given = {"a": numbers, "b": (1, 2), "c": [np.float64(3), np.arange(2)], "d": {1: [(4,)]}, "e": [[0.5]]}
+    plain = {"a": numbers, "b": [1, 2], "c": [3.0, [0, 1]], "d": {"1": [[4]]}, "e": [[0.5]]}
+    assert repr(json_value(given)) == repr(plain)
 
 
 def test_memory_contains_the_wanted_columns_and_one_part(
