@@ -89,7 +89,13 @@ class DeclaredModel(Declared, HybridModel):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        for name in cls.section_coordinates:
+        chosen = cls.section_coordinates
+        if not isinstance(chosen, tuple | list):
+            raise TypeError(
+                f"{cls.__name__}.section_coordinates is {chosen!r}, but must be a tuple of names of variables, "
+                'such as ("x",), or ().'
+            )
+        for name in chosen:
             if name not in cls.declarations.of_kind(Variable):
                 near = suggestion(name, cls.declarations.of_kind(Variable))
                 raise TypeError(f"{cls.__name__}.section_coordinates has {name}, no variable{near}")

@@ -613,6 +613,8 @@ def test_contradictions_are_refused_in_one_sentence() -> None:
             {"height": variable("m", "x"), "section_coordinates": ("heigth",)},
             "heigth, no variable; did you mean height",
         ),
+        ({"x": variable("m", "x"), "section_coordinates": "x"}, "is 'x', but must be a tuple of names"),
+        ({"x": variable("m", "x"), "section_coordinates": None}, "is None, but must be a tuple of names"),
     ):
         with pytest.raises(TypeError, match=words):
             made(**members)
