@@ -92,8 +92,8 @@ class DeclaredModel(Declared, HybridModel):
         chosen = cls.section_coordinates
         if not isinstance(chosen, tuple | list):
             raise TypeError(
-                f"{cls.__name__}.section_coordinates is {chosen!r}, but must be a tuple of names of variables, "
-                'such as ("x",), or ().'
+                f"{cls.__name__}.section_coordinates is {chosen!r}, but must be a tuple of names of "
+                'variables, such as ("x",), or ().'
             )
         for name in chosen:
             if name not in cls.declarations.of_kind(Variable):
