@@ -167,8 +167,9 @@ class ListAxis:
         """Numbers (length,), with NaN for formulas."""
         if isinstance(self.numbers, np.ndarray):
             return self.numbers.astype(np.float64)
-        numbers = [np.nan if isinstance(number, str) else number for number in self.numbers]
-        return np.array(numbers if self._formula_at else self.numbers, np.float64)
+        if not self._formula_at:
+            return np.array(self.numbers, np.float64)
+        return np.array([np.nan if isinstance(number, str) else number for number in self.numbers])
 
 
 @dataclass(frozen=True)

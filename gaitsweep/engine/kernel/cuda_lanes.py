@@ -98,18 +98,18 @@ class CudaLanes(KernelLanes):
         self._uniform = UniformConstants(self._lane_kernels.read, varying_slots(self.kernel, spec.varied))
         n_slots = self._lane_kernels.slots
         width = self.kernel.width
-        numbers_of_lane = n_slots + BUFFER * width + len(self._read_slots) + 1 + self._lane_kernels.inputs
+        n_entries = 1 + self._lane_kernels.inputs
+        numbers_of_lane = n_slots + BUFFER * width + len(self._read_slots) + n_entries
         size = min(self.size, max(_FEW_LANES, _MOST_NUMBERS // numbers_of_lane))
         self.size = self.at_a_time = size
         n_output = max(len(self._read_slots) * size, n_slots)
-        n_entries = (1 + self._lane_kernels.inputs) * size
         # rows are opened before a chunk, whose output is copied before the next ones are opened
-        in_turn = PinnedMemory(self.card, max(n_output, n_entries))
+        in_turn = PinnedMemory(self.card, max(n_output, n_entries * size))
         self._slots = DeviceArray(self.card, (n_slots, size))
         self._samples = DeviceArray(self.card, (BUFFER, size, width))
         self._output = DeviceArray(self.card, (n_output,), in_turn)
         self._queue = DeviceArray(self.card, (2,))
-        self._entries = DeviceArray(self.card, (n_entries // size, size), in_turn)
+        self._entries = DeviceArray(self.card, (n_entries, size), in_turn)
         self._under_way = np.zeros(size, bool)  # lanes whose trajectory has not ended
         self.card.launch(module.get_kernel("clear"), size, self._slots, size, self._queue)
         self.card.wait()
