@@ -463,4 +463,4 @@ def test_stairs_are_no_starts() -> None:
     stairs = pd.concat([start.assign(stair=stair) for stair in (0, 1)], ignore_index=True)
     with pytest.raises(AnalysisError, match=r'a record for each stair, .* table\[table\["stair"\] == 0\]'):
         basins(stairs)
-    assert basins(stairs[stairs["stair"] == 1]).fractions["of"].tolist() == [64, 64]
+    assert basins(stairs.query("stair == 1")).fractions["of"].tolist() == [64, 64]
