@@ -96,18 +96,29 @@ def compiled_once(suffix: str, key: Sequence[str], compile_: Callable[[], bytes]
         key: all that determines the code: the source, the options, the compiler's version.
         compile_: compiles the source.
     """
-    folder = cache_folder("kernels")
-    if folder is None:
+    file = _kernel_file(suffix, key)
+    if file is None:
         with compiling():
             return compile_()
-    digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
-    file = folder / f"gaitsweep_kernel_{digest[:24]}.{suffix}"
     code = load_cached(file)
     if code is None:
         with compiling():
             code = compile_()
         store_cached(file, code)
     return code
+
+
+def is_compiled(suffix: str, key: Sequence[str]) -> bool:
+    """Whether `compiled_once` has compiled with this suffix and this key before."""
+    file = _kernel_file(suffix, key)
+    return file is not None and file.exists()
+
+
+def _kernel_file(suffix: str, key: Sequence[str]) -> Path | None:
+    """The file of a kernel's machine code; None without a cache."""
+    folder = cache_folder("kernels")
+    digest = hashlib.sha256("\n".join(key).encode()).hexdigest()
+    return None if folder is None else folder / f"gaitsweep_kernel_{digest[:24]}.{suffix}"
 
 
 def _unsafe(folder: Path, *, may_be_sticky: bool) -> str | None:

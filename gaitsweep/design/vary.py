@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from gaitsweep import near_miss
 from gaitsweep.contract import Quantity
-from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, RangeAxis, Sample, Values
+from gaitsweep.design.axes import AXIS_KINDS, MAX_LISTED, Axis, ListAxis, RangeAxis, Sample
 from gaitsweep.expression import VARY_GROUPS
 from gaitsweep.schema.diagnostics import Diagnostic, Path, dotted, quoted, unknown_field
 from gaitsweep.schema.strict_model import read_model
@@ -147,9 +147,9 @@ def _read_axis(name: str, value: Any, path: Path, vary: Vary) -> _ReadAxis | Non
         fields["values"] = list(fields["values"])
         if bool in set(map(type, fields["values"])):
             fields["values"] = [_read_switch(item, vary.quantities.get(name)) for item in fields["values"]]
-    written = _many_numbers(fields)
-    if written is None:
-        written = read_model(AXIS_KINDS[kind], fields, path, vary.diagnostics, f"an axis ({kind})")
+    if (numbers := _many_numbers(fields)) is not None:
+        return _ReadAxis(ListAxis(tuple(numbers)), {"values": numbers})
+    written = read_model(AXIS_KINDS[kind], fields, path, vary.diagnostics, f"an axis ({kind})")
     if written is None:
         return None
     axis = written.axis(name)
@@ -167,8 +167,8 @@ def _axis_fields(value: Any) -> dict[str, Any] | None:
     return dict(value) if isinstance(value, Mapping) else None
 
 
-def _many_numbers(value: dict[str, Any]) -> Values | None:
-    """Return the axis of a long list of plain numbers, which are converted at once; None for other axes."""
+def _many_numbers(value: dict[str, Any]) -> list[float] | None:
+    """Return a long list of plain numbers, which are converted at once; None for other axes."""
     listed = value.get("values")
     if set(value) != {"values"} or not isinstance(listed, list) or len(listed) < _LONG:
         return None
@@ -178,7 +178,7 @@ def _many_numbers(value: dict[str, Any]) -> Values | None:
         numbers = np.asarray(listed, np.float64) + 0.0  # -0.0 becomes 0.0, as in `read_number`
     except OverflowError:
         return None
-    return Values.model_construct(values=numbers.tolist()) if np.isfinite(numbers).all() else None
+    return numbers.tolist() if np.isfinite(numbers).all() else None
 
 
 def _about_kinds(value: Mapping[str, Any], kinds: list[str], path: Path) -> Diagnostic:

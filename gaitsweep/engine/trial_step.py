@@ -30,6 +30,8 @@ from gaitsweep.engine.switches import may_switch, switches_within
 # shortened.
 SAFETY_FACTOR = 0.9
 MIN_FACTOR = 0.2
+# Binary digits of the power with which the error of a step changes its length.
+_DIGITS = 7
 # The smallest step, as a share of the longest, which is accepted with any error (a state that diverges is
 # then reported as diverged).
 MIN_STEP = 1e-9
@@ -87,9 +89,25 @@ def fitting_change(
     worst = jnp.maximum(worst, floor)
     # for tsit5 the fourth root instead of the fifth: two square roots are far cheaper, and the tolerance is
     # met as well
-    root = jnp.sqrt(jnp.sqrt(worst)) if order == ORDER - 1 else jnp.exp(jnp.log(worst) / order)
-    change = SAFETY_FACTOR / root
+    change = SAFETY_FACTOR / _root(worst, order)
     return jnp.where(worst >= 0.0, change, 0.0)
+
+
+def _root(value: Number, degree: int) -> Number:
+    """The root of a degree by square roots, which are far cheaper than a logarithm.
+
+    The power is the sum of up to seven binary digits of 1 / degree: exact for 4, 8 and 16, at most 11 %
+    smaller for others up to 20.
+    """
+    root, power, left = jnp.ones_like(value), value, 1.0 / degree
+    for digit in range(1, _DIGITS + 1):
+        if left < 0.5**_DIGITS:
+            break
+        power = jnp.sqrt(power)
+        if 0.5**digit <= left:
+            root = root * power
+            left -= 0.5**digit
+    return root
 
 
 def growing_step(method: Method, carry: Carry, search: EventSearch, *, still: Flag) -> StepLengths:

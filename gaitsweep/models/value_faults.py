@@ -234,14 +234,24 @@ def surface_value(model: Model, name: str, values: Columns, row: int) -> float |
         values: parameters and starts of the rows.
         row: the place of the row.
     """
-    model = model.original
+    known = {key: np.asarray(column)[row : row + 1] for key, column in values.items()}
+    height = _height(model.original, name)
+    return None if height is None else float(height(known)[0])
+
+
+@cached_by_content(maxsize=16)
+def _height(model: Model, name: str) -> Callable[[Any], Any] | None:
+    """The function of an event at starts, from parameters and starts (n,); None if it is not declared."""
     events = model.single_events() if isinstance(model, Declared) and not model.host_parameters else []
-    for event in events:
-        if event.name == name:
-            known = {key: jnp.asarray(column[row]) for key, column in values.items()}
-            params = model.params(known)
-            return float(event.height(model, params, model.init(params, known)))
-    return None
+    event = next((event for event in events if event.name == name), None)
+    if event is None:
+        return None
+
+    def of_one(known: Any) -> Any:
+        params = model.params(known)
+        return event.height(model, params, model.init(params, known))
+
+    return over_rows(of_one, "height at start", model, name)
 
 
 def _start_faults(model: Model, at_starts: _AtStarts, where: Where) -> Iterator[str]:

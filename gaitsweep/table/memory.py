@@ -22,7 +22,7 @@ from gaitsweep.table.frames import (
     joined_parts,
     shared,
 )
-from gaitsweep.table.manifest import Layout, json_value, new_manifest, sealed
+from gaitsweep.table.manifest import Layout, json_value, new_manifest
 from gaitsweep.table.parquet_parts import arrow_part, checked_counts, missing_blocks
 from gaitsweep.table.reading import Rows, Selection, added_counts
 
@@ -121,7 +121,7 @@ class MemoryTable:
         # pandas warns where columns are added to a table that has too many separate ones
         if not last or frame.shape[1] > MOST_SEPARATE:
             frame = frame.copy()
-        manifest = shared(sealed(json_value(self.manifest)))
+        manifest = shared(json_value(self.manifest))
         frame.attrs.update(
             job=manifest["job"],
             manifest=manifest,

@@ -22,7 +22,7 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from gaitsweep.cache_folder import compiled_once
+from gaitsweep.cache_folder import compiled_once, is_compiled
 from gaitsweep.engine.kernel import llvm_code
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.contraction import contracted
@@ -106,16 +106,19 @@ def loaded_once(
         source: all that determines the module.
         module: writes the module, if it is not in the cache.
         kinds: the types of the arguments.
-        quick: as of `llvm_code.machine_code`.
+        quick: as of `llvm_code.machine_code`, unless the kernel has been optimised before.
     """
-    source = f"quick\n{source}" if quick else source
     with _LOCK:
-        if source not in _LOADED:
+        quick = quick and source not in _LOADED
+        name = f"quick\n{source}" if quick else source
+        if name not in _LOADED:
             own = [Path(__file__).with_name(f"{name}.py").read_text() for name in _DETERMINING]
-            key = [source, *own, *llvm_code.processor(), version("llvmlite")]
-            code = compiled_once("o", key, lambda: llvm_code.machine_code(module(), quick=quick))
-            _LOADED[source] = llvm_code.loaded(code, "run", *kinds)
-        return _LOADED[source]
+            others = [*own, *llvm_code.processor(), version("llvmlite")]
+            if quick and is_compiled("o", [source, *others]):  # by a run of more rows
+                quick, name = False, source
+            code = compiled_once("o", [name, *others], lambda: llvm_code.machine_code(module(), quick=quick))
+            _LOADED[name] = llvm_code.loaded(code, "run", *kinds)
+        return _LOADED[name]
 
 
 class Tile:

@@ -43,8 +43,11 @@ MIN_ORDER = 4
 MAX_ORDER = 20
 # Largest error of a guard's polynomial, as a share of its largest value in the step.
 MAX_POLYNOMIAL_ERROR = 1e-3
-# Newton steps towards the zero of a guard, whose bracket is a step: bisection where Newton leaves it.
-NEWTON_STEPS = 8
+# Steps of Halley's method towards the zero of a guard, each of which cubes the error as a share of the trial;
+# where one leaves the bracket, which is the trial at first, it is bisected.
+HALLEY_STEPS = 3
+# Share of the trial up to which the last of these steps leaves an error of rounding.
+_LAST_STEP = 1e-5
 
 
 def order_of(rtol: float) -> int:
@@ -198,6 +201,8 @@ def _bernstein(scaled: list[Guards]) -> list[Guards]:
 def first_zero(coefficients: list[Guards], h: Number) -> Number:
     """The first time (s) within a step at which a guard rises above zero; infinite if none does.
 
+    Of a guard whose zero these steps do not reach, the end of its bracket, where it is above zero.
+
     Args:
         coefficients: those of the guards along the step.
         h: its length (s).
@@ -207,17 +212,20 @@ def first_zero(coefficients: list[Guards], h: Number) -> Number:
         return jnp.full_like(h, jnp.inf)
     end = polynomial(coefficients, h)
     slopes = _derivative(coefficients)
+    bends = _derivative(slopes)
     rises = (near < 0.0) & (end >= 0.0)
     low = jnp.zeros_like(near)
     high = jnp.full_like(near, h)
-    at = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)
-    for _ in range(NEWTON_STEPS):
+    at = before = h * jnp.where(rises, near / jnp.where(rises, near - end, 1.0), 0.0)
+    for _ in range(HALLEY_STEPS):
         value = polynomial(coefficients, at)
         slope = polynomial(slopes, at)
         low = jnp.where(value < 0.0, at, low)
         high = jnp.where(value < 0.0, high, at)
-        newton = at - value / jnp.where(slope == 0.0, 1.0, slope)
-        at = jnp.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        divisor = slope * slope - 0.5 * value * polynomial(bends, at)
+        nearer = at - value * slope / jnp.where(divisor == 0.0, 1.0, divisor)
+        before, at = at, jnp.where((nearer >= low) & (nearer <= high), nearer, 0.5 * (low + high))
+    at = jnp.where(jnp.abs(at - before) <= _LAST_STEP * h, at, high)
     return jnp.min(jnp.where(rises, at, jnp.inf), initial=jnp.inf)
 
 
