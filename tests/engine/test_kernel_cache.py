@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import time
 import warnings
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 from gaitsweep.cache_folder import cache_folder, compiled_once, load_cached, store_cached
-from gaitsweep.engine.kernel import cpu_program, llvm_code
+from gaitsweep.engine.kernel import cpu_program, llvm_code, row_kernel
 from gaitsweep.engine.kernel.chunk import Chunk
 from gaitsweep.engine.kernel.lanes import kernel_of
 from gaitsweep.engine.numerics import Numerics
@@ -66,6 +67,26 @@ def test_threads_that_ask_at_once_compile_a_kernel_once(
     with ThreadPoolExecutor(4) as threads:
         list(threads.map(compiled, 4 * [chunk]))
     assert len(compilations) == 1
+
+
+def test_few_rows_run_on_a_kernel_that_was_optimised_before(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, compilations: list[float]
+) -> None:
+    loaded_once = row_kernel.loaded_once.__wrapped__  # type: ignore[attr-defined]
+
+    def kernel(number: float) -> row_kernel.RowKernel:
+        return row_kernel.RowKernel(f"def of_tile(s):\n    s[0] = {number}\n", [], 1)
+
+    for number, orders in ((1.0, [True, False, True]), (2.0, [False, True, True])):
+        for count, quick in enumerate(orders, start=1):
+            monkeypatch.setattr(cpu_program, "_LOADED", {})  # as in another process
+            monkeypatch.setattr(row_kernel, "loaded_once", functools.partial(loaded_once, quick=quick))
+            numbers = np.zeros((3, 1))
+            row_kernel.running(kernel(number))([], numbers)
+            np.testing.assert_array_equal(numbers, number)
+            # the quick one is followed by the optimised one, which is never followed by a quick one
+            assert len(compilations) == min(count, 1 + orders[0])
+        compilations.clear()
 
 
 def test_a_failed_compilation_leaves_no_file(
